@@ -1,0 +1,101 @@
+"""Frozen samples: what a device said, in SI units and in the device's own axes.
+
+Times are integer nanoseconds. `t_ns` is CLOCK_MONOTONIC for a live device, stamped once right
+after the read returned, and the recorded time for a source that plays files; `SourceInfo` says
+which. Arrays are read-only, so that a sample can be handed to several threads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64Array = NDArray[np.float64]
+
+
+def frozen_array(values: object, shape: tuple[int, ...]) -> Float64Array:
+    """Return `values` as a read-only float64 array of the given shape.
+
+    Raises:
+        ValueError: the values do not have that shape.
+    """
+    array = np.array(values, dtype=np.float64)
+    if array.shape != shape:
+        raise ValueError(f"expected shape {shape}, found {array.shape}")
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, slots=True)
+class CameraIntrinsics:
+    """Pinhole model without distortion, in pixels.
+
+    The optical frame has x right, y down, z forward (REP 103); pixel centres are at integer
+    coordinates, so a point (x, y, z) is seen at u = fx x/z + cx, v = fy y/z + cy.
+    """
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class DepthFrame:
+    """One depth image.
+
+    Attributes:
+        t_ns: time of the frame.
+        depth_mm: (height, width) uint16, distance along the optical axis in millimetres;
+            0 = no return.
+        camera: the intrinsics that belong to this image size.
+        sequence: frame counter of the source, starting at 0; a gap means lost frames.
+        device_ticks: the device's own counter, unwrapped by nobody; None where it has none.
+    """
+
+    t_ns: int
+    depth_mm: NDArray[np.uint16]
+    camera: CameraIntrinsics
+    sequence: int
+    device_ticks: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSample:
+    """Pose of a tracked body in a fixed world frame whose z axis points up.
+
+    Attributes:
+        t_ns: time of the pose.
+        position_m: (3,) origin of the body in the world, metres.
+        quat_wxyz: (4,) unit quaternion, body axes to world axes.
+        covariance: (6, 6) of (x, y, z, rotation about world x, y, z): m^2, m rad, rad^2.
+        sequence: counter of the source, starting at 0.
+    """
+
+    t_ns: int
+    position_m: Float64Array
+    quat_wxyz: Float64Array
+    covariance: Float64Array
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class AccelerationSample:
+    """Specific force of a triaxial accelerometer, gravity included, in the chip's axes.
+
+    Attributes:
+        t_ns: time of the sample.
+        acceleration_m_s2: (3,) m/s^2; a chip at rest with z up reads (0, 0, +9.8).
+        sequence: counter of the source, starting at 0.
+    """
+
+    t_ns: int
+    acceleration_m_s2: Float64Array
+    sequence: int
+
+
+Sample = DepthFrame | PoseSample | AccelerationSample

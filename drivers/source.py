@@ -1,0 +1,112 @@
+"""What every device looks like to the recorder, and the table of device names.
+
+Life of a source: construct (touches nothing), `open` (all or nothing: on failure everything that
+was acquired is released again), `read` until `EndOfSource` or until nobody wants more, `close`
+(as often as you like). The same object may be opened again after `close`.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Literal, Protocol, Self, cast
+
+from drivers.errors import DriverError
+from drivers.samples import Sample
+
+TimeBase = Literal["monotonic", "recorded"]
+
+
+@dataclass(frozen=True, slots=True)
+class SourceInfo:
+    """What `open` found.
+
+    Attributes:
+        name: the instance's name, as it appears in errors, health records and metadata.
+        model: what kind of device answered.
+        serial: its serial number, or "" where it has none.
+        produces: the sample types that `read` may return.
+        time_base: "monotonic" when `t_ns` is CLOCK_MONOTONIC of this host, "recorded" when the
+            samples carry the times of an earlier recording.
+        details: further identity and settings that were read back, as text.
+        nominal_rate_hz: expected samples per second for each type where it is known.
+    """
+
+    name: str
+    model: str
+    serial: str
+    produces: tuple[type[Sample], ...]
+    time_base: TimeBase
+    details: Mapping[str, str] = field(default_factory=dict)
+    nominal_rate_hz: Mapping[type[Sample], float] = field(default_factory=dict)
+
+
+class Source(Protocol):
+    """A device, or files that stand for one."""
+
+    @property
+    def name(self) -> str:
+        """The instance's name."""
+
+    def open(self) -> SourceInfo:
+        """Find the device, check its identity, make it ready.
+
+        Raises:
+            DriverError: not there, not the expected device, or refused; nothing stays open.
+        """
+
+    def read(self, timeout_s: float) -> Sequence[Sample]:
+        """Return the next samples in time order, waiting at most `timeout_s` seconds.
+
+        An empty sequence means that nothing arrived in time.
+
+        Raises:
+            DriverError: not open, unplugged, or broken; the message names the device.
+            EndOfSource: a finite source has given its last sample.
+        """
+
+    def close(self) -> None:
+        """Release everything; harmless when nothing is open."""
+
+
+class OpenSource:
+    """`with OpenSource(source) as info:` opens on entry and closes on every way out."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self.info: SourceInfo | None = None
+
+    def __enter__(self) -> Self:
+        self.info = self._source.open()
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._source.close()
+
+
+# Device kind -> "module:Class". Imported on use, so that a missing optional library only
+# matters to those who use that device.
+SOURCES: Mapping[str, str] = {
+    "tum": "drivers.depth_files:TumFolder",
+    "png": "drivers.depth_files:MillimetrePngFolder",
+}
+
+
+def make_source(kind: str, /, **settings: object) -> Source:
+    """Construct the source of that kind; touches no device.
+
+    Raises:
+        DriverError: the kind is not in the table.
+    """
+    if kind not in SOURCES:
+        raise DriverError(f"no device kind {kind!r}; expected one of {', '.join(sorted(SOURCES))}")
+    module_name, class_name = SOURCES[kind].split(":")
+    factory = getattr(importlib.import_module(module_name), class_name)
+    return cast(Source, factory(**settings))

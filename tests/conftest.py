@@ -1,0 +1,55 @@
+"""Shared fixtures: real data, and a guard that nothing outlives a test."""
+
+from __future__ import annotations
+
+import gc
+import os
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+_SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def _open_descriptors() -> dict[str, str]:
+    """Return descriptor -> target of this process."""
+    found: dict[str, str] = {}
+    for entry in Path("/proc/self/fd").iterdir():
+        try:
+            found[entry.name] = str(entry.readlink())
+        except FileNotFoundError:  # the descriptor of this very listing
+            continue
+    return found
+
+
+@pytest.fixture(autouse=True)
+def nothing_outlives_a_test() -> Iterator[None]:
+    """Fail a test that leaves a thread or a file descriptor behind."""
+    threads_before = set(threading.enumerate())
+    descriptors_before = _open_descriptors()
+    yield
+    gc.collect()
+    threads = [t for t in threading.enumerate() if t not in threads_before and t.is_alive()]
+    assert not threads, f"threads outlived the test: {threads}"
+    leaked = {
+        fd: target
+        for fd, target in _open_descriptors().items()
+        if descriptors_before.get(fd) != target and not _belongs_to_a_library(target)
+    }
+    assert not leaked, f"descriptors outlived the test: {leaked}"
+
+
+def _belongs_to_a_library(target: str) -> bool:
+    """Tell a descriptor that a library keeps for the life of the process."""
+    return target.startswith(("/usr/share/fonts", "/dev/urandom")) or "matplotlib" in target
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """Return the folder of real recordings, or skip with the reason."""
+    folder = Path(os.environ.get("TERRAVIBE_DATA", _SHARED_DATA))
+    if not folder.is_dir():
+        pytest.skip(f"real data not found at {folder}; set TERRAVIBE_DATA to its folder")
+    return folder
