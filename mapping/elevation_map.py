@@ -1,0 +1,165 @@
+"""The map that is handed out: heights, their variance and its parts, and the state of each cell."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.errors import MappingError
+from mapping.grid import Grid
+from mapping.settings import MapSettings
+from mapping.update_kernels import CellLayers
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+
+
+class CellState(IntEnum):
+    """What is known of a cell."""
+
+    UNKNOWN = 0  # never seen
+    UNCONFIRMED = 1  # seen in too few frames or pixels: may be a flying pixel
+    MEASURED = 2  # confirmed, and known better than MapSettings.uncertain_sigma_m
+    UNCERTAIN = 3  # confirmed, but known no better than that
+
+
+@dataclass(frozen=True, slots=True)
+class ElevationMap:
+    """A rectangle of cells in the terrain frame (z up); all layers (len(y_m), len(x_m)).
+
+    Attributes:
+        resolution_m: edge of a cell.
+        x_m, y_m: cell centres, increasing.
+        elevation_m: height, NaN where unknown.
+        variance_m2: variance of that height: the sum of the three parts below; NaN where unknown.
+        independent_m2: part that differs from frame to frame (pixel noise, pose).
+        systematic_m2: part that is the same all through the run (depth bias, mount).
+        relief_m2: part from the shape of the surface inside the cell.
+        frames, pixels: frames that contributed, and pixels in them.
+        last_seen_ns: stamp of the last contribution, 0 where unknown.
+        state: `CellState`.
+        attributes: how the map was made (settings, noise model, input, damage), as text or number.
+    """
+
+    resolution_m: float
+    x_m: Float64Array
+    y_m: Float64Array
+    elevation_m: Float32Array
+    variance_m2: Float32Array
+    independent_m2: Float32Array
+    systematic_m2: Float32Array
+    relief_m2: Float32Array
+    frames: NDArray[np.uint32]
+    pixels: NDArray[np.uint32]
+    last_seen_ns: NDArray[np.int64]
+    state: NDArray[np.uint8]
+    attributes: Mapping[str, str | int | float] = field(default_factory=dict)
+
+    @property
+    def sigma_m(self) -> Float32Array:
+        """Standard deviation of the height."""
+        return np.sqrt(self.variance_m2)
+
+    @property
+    def lower_m(self) -> Float32Array:
+        """Height minus 3 sigma."""
+        return self.elevation_m - np.float32(3.0) * self.sigma_m
+
+    @property
+    def upper_m(self) -> Float32Array:
+        """Height plus 3 sigma."""
+        return self.elevation_m + np.float32(3.0) * self.sigma_m
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Cells that have a height."""
+        known: NDArray[np.bool_] = self.state != CellState.UNKNOWN
+        return known
+
+    def sha256(self) -> str:
+        """Return the SHA-256 of all arrays: equal maps, to the bit, have equal sums."""
+        digest = hashlib.sha256()
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                digest.update(f"{item.name}:{value.dtype.str}:{value.shape};".encode())
+                digest.update(np.ascontiguousarray(value).tobytes())
+        return digest.hexdigest()
+
+
+def read_out(
+    grid: Grid, settings: MapSettings, attributes: Mapping[str, str | int | float]
+) -> ElevationMap:
+    """Return the map that a grid holds, cut to the cells that were seen.
+
+    Variance = what differs from frame to frame + |sensitivities to the constant errors|^2 +
+    mount_sigma_m^2 + relief_share * spread inside the cell.
+
+    Raises:
+        MappingError: the grid has seen nothing.
+    """
+    layers, first_x, first_y = _cut_to_seen(grid)
+    seen = layers.frames > 0
+    rows, columns = seen.shape
+    systematic = (
+        np.square(layers.systematic_a_m)
+        + np.square(layers.systematic_b_m)
+        + np.square(layers.systematic_c_m)
+        + np.square(layers.systematic_bias_m)
+        + np.float32(settings.mount_sigma_m**2)
+    )
+    relief = np.float32(settings.relief_share) * layers.relief_m2
+    variance = layers.variance_m2 + systematic + relief
+    return ElevationMap(
+        resolution_m=settings.resolution_m,
+        x_m=_centres_m(first_x, columns, settings.resolution_m),
+        y_m=_centres_m(first_y, rows, settings.resolution_m),
+        elevation_m=_where(seen, layers.elevation_m),
+        variance_m2=_where(seen, variance),
+        independent_m2=_where(seen, layers.variance_m2),
+        systematic_m2=_where(seen, systematic),
+        relief_m2=_where(seen, relief),
+        frames=layers.frames,
+        pixels=layers.pixels,
+        last_seen_ns=np.where(seen, layers.last_ns, 0),
+        state=_states(layers, variance, settings),
+        attributes=attributes,
+    )
+
+
+def _cut_to_seen(grid: Grid) -> tuple[CellLayers, int, int]:
+    """Return copies of the layers inside the box of seen cells, and its first column and row."""
+    layers = grid.unrolled()
+    seen = layers.frames > 0
+    if not seen.any():
+        raise MappingError(
+            "no depth reading reached the map; check the range limits and that depth frames and "
+            "poses overlap in time"
+        )
+    rows = np.flatnonzero(seen.any(axis=1))
+    columns = np.flatnonzero(seen.any(axis=0))
+    box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    cut = CellLayers._make(np.ascontiguousarray(layer[box]) for layer in layers)
+    return cut, grid.extent.first_x + int(columns[0]), grid.extent.first_y + int(rows[0])
+
+
+def _centres_m(first: int, count: int, cell_size_m: float) -> Float64Array:
+    return (np.arange(first, first + count, dtype=np.float64) + 0.5) * cell_size_m
+
+
+def _where(seen: NDArray[np.bool_], layer: Float32Array) -> Float32Array:
+    return np.where(seen, layer, np.float32(np.nan))
+
+
+def _states(layers: CellLayers, variance: Float32Array, settings: MapSettings) -> NDArray[np.uint8]:
+    """Return the `CellState` of every cell."""
+    few = (layers.frames < settings.confirmed_frames) | (layers.pixels < settings.confirmed_pixels)
+    vague = variance >= settings.uncertain_sigma_m**2
+    state = np.where(vague, CellState.UNCERTAIN, CellState.MEASURED)
+    state = np.where(few, CellState.UNCONFIRMED, state)
+    return np.where(layers.frames == 0, CellState.UNKNOWN, state).astype(np.uint8)

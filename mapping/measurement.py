@@ -1,0 +1,191 @@
+"""One depth frame -> one measurement per cell (paper eqs. 3-6 in their corrected form).
+
+p_T = r_TS + C_TS p_S,   h = e . p_T
+var(h) = J_S Sigma_S J_S' (per pixel: axial along the ray, lateral across it)
+       + J_pose Sigma_pose J_pose' (per cell: the whole frame shares it)
+       + bias and mount (per cell: every frame shares them)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.samples import CameraIntrinsics
+from mapping import measurement_kernels as kernels
+from mapping.geometry import RigidTransform, UncertainPose
+from mapping.grid import CellWindow
+from mapping.noise import DepthNoiseModel
+from mapping.settings import MapSettings
+from mapping.update_kernels import FrameConstants
+
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+
+# The depth gradient is taken over about +-4 px of a 640 px wide Kinect image (0.4 degrees each
+# way): wide enough to look across the sensor's depth steps, narrow enough for a 3 cm edge at 3 m.
+_GRADIENT_HALF_ANGLE_RAD = 0.0069
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Where a frame was taken from.
+
+    Attributes:
+        body: pose of the tracked body in T with its covariance.
+        T_terrain_sensor: the camera's optical frame in T.
+    """
+
+    body: UncertainPose
+    T_terrain_sensor: RigidTransform
+
+
+class FrameReducer:
+    """Sums a frame's pixels per cell; keeps its work arrays from frame to frame."""
+
+    def __init__(
+        self, camera: CameraIntrinsics, noise: DepthNoiseModel, settings: MapSettings
+    ) -> None:
+        self._camera = camera
+        self._noise = noise
+        self._settings = settings
+        self._range = _range_constants(noise)
+        self._noise_constants = _noise_constants(noise)
+        self._baseline_px = max(1, round(_GRADIENT_HALF_ANGLE_RAD * camera.fx_px))
+        self._ray_x, self._ray_y = _rays(camera)
+        margin = 2 * self._baseline_px
+        self._z_m = np.zeros((camera.height_px + margin, camera.width_px + margin), np.float32)
+        self._sums = np.zeros((0, 4))
+
+    @property
+    def camera(self) -> CameraIntrinsics:
+        """The intrinsics that this reducer was made for."""
+        return self._camera
+
+    def footprint(self, view: View) -> CellWindow:
+        """Return the cells that the view's frustum can reach.
+
+        All readings lie in the pyramid of the camera and the four corner rays at the largest
+        range; the box around its five corners therefore holds them all.
+        """
+        x, y = self._ray_x[[0, -1]], self._ray_y[[0, -1]]
+        corners = [(0.0, 0.0, 0.0), *((a, b, 1.0) for a in x for b in y)]
+        reach = self._noise.range_max_m
+        points = view.T_terrain_sensor.apply(np.array(corners) * reach)[:, :2]
+        low = np.floor(points.min(axis=0) / self._settings.resolution_m).astype(int)
+        high = np.floor(points.max(axis=0) / self._settings.resolution_m).astype(int)
+        size = high - low + 1
+        return CellWindow(int(low[0]), int(low[1]), int(size[0]), int(size[1]))
+
+    def load(self, depth_mm: NDArray[np.uint16]) -> int:
+        """Take a depth image (height, width) in millimetres; return its valid readings."""
+        return kernels.ranges_from_millimetres(depth_mm, self._range, self._baseline_px, self._z_m)
+
+    def reduce(self, view: View, window: CellWindow) -> tuple[Float64Array, int]:
+        """Sum the loaded frame over the cells of `window`.
+
+        Returns:
+            (cells, 4) sums of weight, weight height, weight height^2 and pixels, heights relative
+            to the camera; whoever uses the sums clears them. And the pixels that fell inside.
+        """
+        cells = window.cells_x * window.cells_y
+        if self._sums.shape[0] < cells:
+            self._sums = np.zeros((cells, 4))
+        added = kernels.accumulate(
+            self._z_m,
+            self._baseline_px,
+            self._ray_x,
+            self._ray_y,
+            np.float32(self._camera.fx_px),
+            np.float32(self._camera.fy_px),
+            self._noise_constants,
+            _view_constants(view, window, self._settings.resolution_m),
+            self._sums,
+        )
+        return self._sums, added
+
+    def frame_constants(
+        self, view: View, window: CellWindow, place: tuple[int, int]
+    ) -> FrameConstants:
+        """Return what the per-cell update needs; `place` = (row, column) of the window."""
+        d = self._settings.resolution_m
+        camera = view.T_terrain_sensor.translation_m
+        lever = camera - view.body.transform.translation_m
+        rotation = view.T_terrain_sensor.rotation
+        sigma = view.body.covariance
+        return FrameConstants(
+            t_ns=view.body.t_ns,
+            first_column=place[1],
+            first_row=place[0],
+            cells_x=window.cells_x,
+            cells_y=window.cells_y,
+            cell_size_m=d,
+            corner_x_m=window.first_x * d - float(camera[0]),
+            corner_y_m=window.first_y * d - float(camera[1]),
+            camera_z_m=float(camera[2]),
+            lever_x_m=float(lever[0]),
+            lever_y_m=float(lever[1]),
+            r00=float(rotation[0, 0]),
+            r01=float(rotation[0, 1]),
+            r02=float(rotation[0, 2]),
+            r10=float(rotation[1, 0]),
+            r11=float(rotation[1, 1]),
+            r12=float(rotation[1, 2]),
+            r22=float(rotation[2, 2]),
+            pose_zz=float(sigma[2, 2]),
+            pose_za=float(sigma[2, 3]),
+            pose_zb=float(sigma[2, 4]),
+            pose_aa=float(sigma[3, 3]),
+            pose_ab=float(sigma[3, 4]),
+            pose_bb=float(sigma[4, 4]),
+            mount_rad=self._settings.mount_sigma_rad,
+            bias_0_m=self._noise.bias_sigma_m,
+            bias_2_per_m=self._noise.bias_sigma_quadratic_per_m,
+            correlation_area_px=self._noise.correlation_area_px,
+        )
+
+
+def _rays(camera: CameraIntrinsics) -> tuple[Float32Array, Float32Array]:
+    """Return x/z of every column and y/z of every row."""
+    columns = (np.arange(camera.width_px) - camera.cx_px) / camera.fx_px
+    rows = (np.arange(camera.height_px) - camera.cy_px) / camera.fy_px
+    return columns.astype(np.float32), rows.astype(np.float32)
+
+
+def _range_constants(noise: DepthNoiseModel) -> kernels.RangeConstants:
+    values = (
+        noise.bias_m,
+        noise.bias_slope,
+        noise.bias_quadratic_per_m,
+        noise.range_min_m,
+        noise.range_max_m,
+    )
+    return kernels.RangeConstants(*(np.float32(value) for value in values))
+
+
+def _noise_constants(noise: DepthNoiseModel) -> kernels.NoiseConstants:
+    values = (
+        noise.axial_offset_m,
+        noise.axial_quadratic_per_m,
+        noise.axial_reference_m,
+        noise.axial_angle_m_sqrt_m,
+        noise.quantum_per_m**2 / 12.0,
+        noise.lateral_offset_px,
+        noise.lateral_angle_px,
+    )
+    return kernels.NoiseConstants(*(np.float32(value) for value in values))
+
+
+def _view_constants(view: View, window: CellWindow, cell_size_m: float) -> kernels.ViewConstants:
+    rotation = view.T_terrain_sensor.rotation
+    camera = view.T_terrain_sensor.translation_m
+    values = (
+        *rotation.ravel(),
+        camera[0] / cell_size_m - window.first_x,
+        camera[1] / cell_size_m - window.first_y,
+        1.0 / cell_size_m,
+    )
+    constants = [np.float32(value) for value in values]
+    return kernels.ViewConstants._make([*constants, window.cells_x, window.cells_y])

@@ -1,0 +1,100 @@
+"""What a map is made with: every number with its unit in its name, and a default that works."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from mapping.errors import MappingError
+
+GridKind = Literal["growing", "scrolling"]
+
+_POSITIVE = (
+    "resolution_m",
+    "window_m",
+    "memory_limit_mb",
+    "gate_sigma",
+    "confirmations",
+    "sigma_floor_m",
+    "sigma_ceiling_m",
+    "range_min_m",
+    "range_max_m",
+    "confirmed_frames",
+    "confirmed_pixels",
+    "uncertain_sigma_m",
+    "pose_gap_max_s",
+)
+_NOT_NEGATIVE = (
+    "common_correlation_time_s",
+    "relief_share",
+    "mount_sigma_m",
+    "mount_sigma_rad",
+)
+_ORDERED = (
+    ("range_min_m", "range_max_m"),
+    ("sigma_floor_m", "sigma_ceiling_m"),
+    ("resolution_m", "window_m"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MapSettings:
+    """Settings of a mapping run; stored in the map file.
+
+    Attributes:
+        resolution_m: edge of a square cell.
+        grid: "growing" keeps everything that was seen; "scrolling" keeps a window around the
+            rover and forgets what leaves it.
+        window_m: edge of that window.
+        memory_limit_mb: a growing map that would need more is refused.
+        gate_sigma: a measurement further than this from the cell goes to the second hypothesis.
+        confirmations: consistent rejects after which the second hypothesis replaces the cell.
+        sigma_floor_m, sigma_ceiling_m: a cell's frame-to-frame sigma is held between these.
+        common_correlation_time_s: time over which the errors of successive poses are alike.
+        relief_share: share of the spread inside a cell that no number of frames averages away.
+        mount_sigma_m, mount_sigma_rad: uncertainty of the sensor's mount on the tracked body.
+        range_min_m, range_max_m: nearer and farther readings are not mapped.
+        confirmed_frames, confirmed_pixels: a cell with fewer is "unconfirmed".
+        uncertain_sigma_m: a cell known no better than this is "uncertain"; the default keeps the
+            3-sigma bounds of "measured" cells within +-4.5 cm, below a small rover's clearance.
+        pose_gap_max_s: poses are not interpolated across a longer gap; such frames are left out.
+    """
+
+    resolution_m: float = 0.04
+    grid: GridKind = "growing"
+    window_m: float = 6.0
+    memory_limit_mb: float = 4096.0
+    gate_sigma: float = 3.5
+    confirmations: int = 3
+    sigma_floor_m: float = 0.0002
+    sigma_ceiling_m: float = 1.0
+    common_correlation_time_s: float = 0.3
+    relief_share: float = 0.06
+    mount_sigma_m: float = 0.0
+    mount_sigma_rad: float = 0.0
+    range_min_m: float = 0.4
+    range_max_m: float = 4.0
+    confirmed_frames: int = 2
+    confirmed_pixels: int = 4
+    uncertain_sigma_m: float = 0.015
+    pose_gap_max_s: float = 0.2
+
+    def __post_init__(self) -> None:
+        """Refuse values that no map can be made with."""
+        for name in _POSITIVE:
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise MappingError(f"{name} is {getattr(self, name)}; expected a number above 0")
+        for name in _NOT_NEGATIVE:
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise MappingError(f"{name} is {getattr(self, name)}; expected 0 or more")
+        for low, high in _ORDERED:
+            if getattr(self, low) >= getattr(self, high):
+                raise MappingError(
+                    f"{low} is {getattr(self, low)} and {high} is {getattr(self, high)}; "
+                    f"expected {low} below {high}"
+                )
+        if self.grid not in get_args(GridKind):
+            raise MappingError(f"grid is {self.grid!r}; expected growing or scrolling")
+        if self.confirmations > 255:
+            raise MappingError(f"confirmations is {self.confirmations}; expected at most 255")
