@@ -1,0 +1,60 @@
+"""A finished file or none: products appear under their name only when they are complete."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from acquisition.errors import StreamError
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary path beside `path`; on success it is synchronised and takes that name.
+
+    The temporary path has the same suffix, for libraries that choose the format by it. Whatever
+    goes wrong, including an interrupt, removes the temporary file and leaves an older file at
+    `path` as it was.
+
+    Raises:
+        StreamError: the folder is missing or not writable, `path` is a folder, or the file
+            system refuses the last step; names the path and the cause.
+    """
+    _check_target(path)
+    temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.part{path.suffix}")
+    try:
+        yield temporary
+        _take_place(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _check_target(path: Path) -> None:
+    folder = path.parent
+    if not folder.is_dir():
+        raise StreamError(f"cannot write {path}: there is no folder {folder}; create it first")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise StreamError(f"cannot write {path}: no permission to write in {folder}")
+    if path.is_dir():
+        raise StreamError(f"cannot write {path}: it is a folder; give the name of a file")
+
+
+def _take_place(temporary: Path, path: Path) -> None:
+    try:
+        _synchronise(temporary, os.O_RDONLY)
+        temporary.replace(path)
+        _synchronise(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise StreamError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _synchronise(path: Path, flags: int) -> None:
+    """Wait until the file's bytes, or the folder's names, are on the disk."""
+    descriptor = os.open(path, flags)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

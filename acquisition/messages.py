@@ -1,0 +1,173 @@
+"""Samples to and from ROS 2 messages (CDR), one table row for each topic.
+
+A further sample type needs one function each way and one row in `MESSAGE_TYPES`.
+
+What a ROS message has no room for travels elsewhere: the sequence number is the `sequence` of
+the MCAP message record. `DepthFrame.device_ticks` is not recorded by the messages here and comes
+back as None; it belongs to /clock, together with the host times that give it a meaning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+from acquisition.depth_messages import (
+    CameraInfo,
+    DepthImage,
+    decode_camera,
+    decode_depth,
+    encode_camera,
+    encode_depth,
+)
+from acquisition.errors import StreamError
+from acquisition.frames import StaticTransforms
+from acquisition.motion_messages import (
+    decode_acceleration,
+    decode_pose,
+    decode_transforms,
+    encode_acceleration,
+    encode_pose,
+    encode_transforms,
+)
+from drivers.samples import AccelerationSample, DepthFrame, PoseSample, Sample
+
+_MAX_SEQUENCE = 2**32 - 1  # the MCAP message record holds a uint32
+
+
+Record = DepthImage | CameraInfo | PoseSample | AccelerationSample | StaticTransforms
+Recordable = Sample | StaticTransforms
+
+
+@dataclass(frozen=True, slots=True)
+class MessageType:
+    """One row of the table.
+
+    Attributes:
+        topic: where the message is published.
+        ros_type: its ROS 2 type, "package/msg/Name".
+        sample_type: the type of which `encode` makes this message.
+        encode: sample to ROS message object; ValueError with the reason.
+        decode: ROS message object and sequence number to record; ValueError with the reason.
+    """
+
+    topic: str
+    ros_type: str
+    sample_type: type[Recordable]
+    encode: Callable[[Any], object]
+    decode: Callable[[Any, int], Record]
+
+
+@dataclass(frozen=True, slots=True)
+class EncodedMessage:
+    """A message ready to be written: its topic and its CDR bytes."""
+
+    topic: str
+    cdr: bytes
+
+
+@cache
+def typestore() -> Typestore:
+    """Return the ROS 2 types that the stream uses."""
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def schema_text(ros_type: str) -> str:
+    """Return the ros2msg definition of a type, its parts included."""
+    return typestore().generate_msgdef(ros_type, ros_version=2)[0]
+
+
+def types_of(sample_types: Sequence[type[Recordable]]) -> list[MessageType]:
+    """Return the rows that those sample types are written as, in the table's order."""
+    return [row for row in MESSAGE_TYPES if row.sample_type in sample_types]
+
+
+def encode(sample: Recordable) -> list[EncodedMessage]:
+    """Return the messages that stand for one sample, in the order to be written.
+
+    Raises:
+        StreamError: the sample cannot be told as a message (time or sequence out of range,
+            not finite, wrong shape); names the topic and the time.
+    """
+    return [EncodedMessage(row.topic, _serialise(row, sample)) for row in types_of([type(sample)])]
+
+
+def _serialise(row: MessageType, sample: Recordable) -> bytes:
+    try:
+        message = row.encode(sample)
+        return bytes(typestore().serialize_cdr(message, row.ros_type, little_endian=True))
+    except ValueError as error:
+        raise StreamError(f"cannot write {row.topic} at {sample.t_ns} ns: {error}") from error
+
+
+def decode(row: MessageType, cdr: bytes, *, log_time_ns: int, sequence: int) -> Record:
+    """Return what one message says; pure, and its arrays are read-only.
+
+    Raises:
+        StreamError: not such a message, or its values make no sense; names topic and log time.
+    """
+    try:
+        return row.decode(typestore().deserialize_cdr(cdr, row.ros_type), sequence)
+    except (SerdeError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise StreamError(f"bad message on {row.topic} at {log_time_ns} ns: {reason}") from error
+
+
+def checked_sequence(sample: Sample) -> int:
+    """Return the sample's sequence number.
+
+    Raises:
+        StreamError: it does not fit the 32 bits that the stream has for it.
+    """
+    if not 0 <= sample.sequence <= _MAX_SEQUENCE:
+        raise StreamError(
+            f"{type(sample).__name__} has sequence {sample.sequence}; expected 0 to 2^32-1"
+        )
+    return sample.sequence
+
+
+# The camera comes before the image that needs it.
+MESSAGE_TYPES: tuple[MessageType, ...] = (
+    MessageType(
+        "/tf_static",
+        "tf2_msgs/msg/TFMessage",
+        StaticTransforms,
+        encode_transforms,
+        decode_transforms,
+    ),
+    MessageType(
+        "/depth/camera_info",
+        "sensor_msgs/msg/CameraInfo",
+        DepthFrame,
+        encode_camera,
+        decode_camera,
+    ),
+    MessageType("/depth/image", "sensor_msgs/msg/Image", DepthFrame, encode_depth, decode_depth),
+    MessageType(
+        "/mocap/pose",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        PoseSample,
+        encode_pose,
+        decode_pose,
+    ),
+    MessageType(
+        "/acceleration",
+        "sensor_msgs/msg/Imu",
+        AccelerationSample,
+        encode_acceleration,
+        decode_acceleration,
+    ),
+)
+
+_BY_TOPIC_AND_TYPE = {(row.topic, row.ros_type): row for row in MESSAGE_TYPES}
+
+
+def find(topic: str, ros_type: str) -> MessageType | None:
+    """Return the row of a topic that carries the expected type, or None."""
+    return _BY_TOPIC_AND_TYPE.get((topic, ros_type))

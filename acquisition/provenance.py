@@ -1,0 +1,60 @@
+"""What a recording says about its own making: settings, software, host and sources."""
+
+from __future__ import annotations
+
+import json
+import platform
+import socket
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+
+from acquisition.errors import StreamError
+from drivers.source import SourceInfo
+
+# The name of the MCAP metadata record.
+METADATA_NAME = "terravibe"
+_LIBRARIES = ("terravibe", "numpy", "mcap", "rosbags")
+
+
+def software_versions() -> dict[str, str]:
+    """Return the version of Python and of each library that shapes the bytes."""
+    return {"python": platform.python_version()} | {name: _version(name) for name in _LIBRARIES}
+
+
+def _version(distribution: str) -> str:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def provenance(sources: Sequence[SourceInfo], settings: Mapping[str, object]) -> dict[str, str]:
+    """Return the metadata record: "settings", "versions", "host" and "source.NAME", as JSON.
+
+    Raises:
+        StreamError: the settings are not JSON.
+    """
+    record = {
+        "settings": _json("settings", dict(settings)),
+        "versions": _json("versions", software_versions()),
+        "host": socket.gethostname(),
+    }
+    return record | {f"source.{info.name}": _json(info.name, _identity(info)) for info in sources}
+
+
+def _identity(info: SourceInfo) -> dict[str, object]:
+    return {
+        "model": info.model,
+        "serial": info.serial,
+        "produces": [kind.__name__ for kind in info.produces],
+        "time_base": info.time_base,
+        "details": dict(info.details),
+        "nominal_rate_hz": {kind.__name__: hz for kind, hz in info.nominal_rate_hz.items()},
+    }
+
+
+def _json(what: str, value: object) -> str:
+    try:
+        return json.dumps(value, sort_keys=True, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise StreamError(f"cannot record {what} as JSON: {error}") from error

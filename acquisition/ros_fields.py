@@ -1,0 +1,89 @@
+"""The fields that several ROS messages share: stamps, vectors, quaternions, and their checks.
+
+Everything here raises ValueError with the reason alone; `messages` adds topic and time.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rosbags.typesys.stores import ros2_humble as ros
+
+from drivers.samples import Float64Array, frozen_array
+
+NS_PER_S = 1_000_000_000
+# builtin_interfaces/msg/Time counts whole seconds in an int32.
+_MAX_SECONDS = 2**31 - 1
+
+# Beyond _REFUSED a quaternion is no rotation; between the two it was rounded by whoever wrote
+# it (a motion capture log with four decimals is off by up to 1e-4) and is normalised.
+_ROUNDED = 1e-9
+_REFUSED = 1e-3
+
+
+def ros_header(t_ns: int, frame_id: str) -> ros.std_msgs__msg__Header:
+    """Return a header whose stamp is exactly `t_ns`."""
+    seconds, nanoseconds = divmod(t_ns, NS_PER_S)
+    if not 0 <= seconds <= _MAX_SECONDS:
+        raise ValueError(f"time {t_ns} ns does not fit a ROS stamp; expected 0 to 2^31 s")
+    return ros.std_msgs__msg__Header(
+        ros.builtin_interfaces__msg__Time(seconds, nanoseconds), frame_id
+    )
+
+
+def stamp_ns(header: ros.std_msgs__msg__Header) -> int:
+    """Return the header's stamp in nanoseconds."""
+    stamp = header.stamp
+    if stamp.sec < 0 or stamp.nanosec >= NS_PER_S:
+        raise ValueError(f"stamp of {stamp.sec} s and {stamp.nanosec} ns; expected 0 to 1e9-1 ns")
+    return stamp.sec * NS_PER_S + stamp.nanosec
+
+
+def finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Float64Array:
+    """Return the values as a read-only array of that shape, refusing NaN and infinity."""
+    array = frozen_array(values, shape)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{what} is not finite: {array.ravel().tolist()}")
+    return array
+
+
+def vector(
+    what: str, xyz: ros.geometry_msgs__msg__Vector3 | ros.geometry_msgs__msg__Point
+) -> Float64Array:
+    """Return x, y, z as a (3,) array."""
+    return finite(what, (xyz.x, xyz.y, xyz.z), (3,))
+
+
+def ros_vector(what: str, values: Float64Array) -> ros.geometry_msgs__msg__Vector3:
+    """Return a (3,) array as a Vector3."""
+    return ros.geometry_msgs__msg__Vector3(*finite(what, values, (3,)).tolist())
+
+
+def ros_point(what: str, values: Float64Array) -> ros.geometry_msgs__msg__Point:
+    """Return a (3,) array as a Point."""
+    return ros.geometry_msgs__msg__Point(*finite(what, values, (3,)).tolist())
+
+
+def unit_quaternion(values: ArrayLike) -> Float64Array:
+    """Return w, x, y, z as a (4,) unit quaternion; bit for bit where it is one already."""
+    quat = finite("quaternion wxyz", values, (4,))
+    # hypot, because squares of absurd but finite numbers overflow.
+    norm = math.hypot(*quat.tolist())
+    if abs(norm - 1.0) > _REFUSED:
+        raise ValueError(f"quaternion wxyz {quat.tolist()} has length {norm:.6g}; expected 1")
+    if abs(norm - 1.0) > _ROUNDED:
+        quat = frozen_array(quat / norm, (4,))
+    return quat
+
+
+def ros_quaternion(quat_wxyz: Float64Array) -> ros.geometry_msgs__msg__Quaternion:
+    """Return w, x, y, z as a ROS quaternion, which puts w last."""
+    w, x, y, z = unit_quaternion(quat_wxyz).tolist()
+    return ros.geometry_msgs__msg__Quaternion(x, y, z, w)
+
+
+def quaternion(rotation: ros.geometry_msgs__msg__Quaternion) -> Float64Array:
+    """Return a ROS quaternion as w, x, y, z."""
+    return unit_quaternion((rotation.w, rotation.x, rotation.y, rotation.z))

@@ -1,0 +1,196 @@
+"""Samples into one MCAP stream that a crash, a bad disk and a slow reader can do little to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, BinaryIO, Self, cast
+
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, Schema
+from mcap.writer import Writer
+
+from acquisition import messages
+from acquisition.errors import StreamError
+from acquisition.frames import StaticTransform, StaticTransforms
+from acquisition.provenance import METADATA_NAME, provenance, software_versions
+from acquisition.stream_output import StreamOutput
+from drivers.samples import Sample
+from drivers.source import SourceInfo
+
+CHUNK_SIZE_BYTES = 1 << 20
+FLUSH_INTERVAL_NS = 50_000_000
+_MAX_LOG_TIME_NS = 2**64 - 1  # the MCAP message record holds a uint64
+
+
+class StreamWriter:
+    """Writes a recording: profile "ros2", CDR messages, zstd chunks, a checksum on everything.
+
+    The order in the file is: provenance; every schema and channel that the sources may need,
+    outside any chunk, so that they survive the loss of the first one (which repeats them, as
+    does the summary); /tf_static at the time of the first sample; the samples as they come.
+
+    A chunk is closed when it is full or when the stream's own time has advanced by the flush
+    interval, so that a follower sees it; there is no wall clock in here. One thread at a time.
+    """
+
+    def __init__(
+        self,
+        output: Path | BinaryIO,
+        *,
+        sources: Sequence[SourceInfo],
+        static_transforms: Sequence[StaticTransform],
+        settings: Mapping[str, object],
+        flush_interval_ns: int = FLUSH_INTERVAL_NS,
+        chunk_size_bytes: int = CHUNK_SIZE_BYTES,
+    ) -> None:
+        """Start the stream; its head is with the operating system when this returns.
+
+        Args:
+            output: a file to create or replace, or an open stream, which may be a pipe.
+            sources: what will be written; a sample of another type is refused.
+            static_transforms: where the frames sit, for the whole recording.
+            settings: the resolved configuration, as JSON values.
+            flush_interval_ns: stream time after which an open chunk is closed.
+            chunk_size_bytes: size before compression at which a chunk is closed.
+
+        Raises:
+            StreamError: the output cannot be written, the settings are not JSON, or two sources
+                produce the same type, which one stream cannot tell apart.
+        """
+        self._types = _sample_types(sources)
+        record = provenance(sources, settings)
+        self._transforms = tuple(static_transforms)
+        self._flush_interval_ns = flush_interval_ns
+        self._flushed_at_ns: int | None = None
+        self._closed = False
+        self._output = StreamOutput(output)
+        # Of a file, the Writer uses only what StreamOutput has.
+        self._writer = Writer(cast(IO[bytes], self._output), chunk_size=chunk_size_bytes)
+        try:
+            self._writer.start("ros2", f"terravibe {software_versions()['terravibe']}")
+            self._writer.add_metadata(METADATA_NAME, record)
+            self._channels = self._define_channels()
+            self._output.flush()
+        except BaseException:
+            self._output.close()
+            raise
+
+    def _define_channels(self) -> dict[str, int]:
+        """Register every channel, write its definition at top level, return topic -> id."""
+        channels: dict[str, int] = {}
+        schemas: dict[str, int] = {}
+        builder = RecordBuilder()
+        for row in messages.types_of([StaticTransforms, *self._types]):
+            text = messages.schema_text(row.ros_type).encode()
+            if row.ros_type not in schemas:
+                schema_id = self._writer.register_schema(row.ros_type, "ros2msg", text)
+                schemas[row.ros_type] = schema_id
+                Schema(schema_id, text, "ros2msg", row.ros_type).write(builder)
+            schema_id = schemas[row.ros_type]
+            channel_id = self._writer.register_channel(row.topic, "cdr", schema_id)
+            channels[row.topic] = channel_id
+            Channel(channel_id, row.topic, "cdr", {}, schema_id).write(builder)
+        self._output.write(builder.end())
+        return channels
+
+    def write(self, sample: Sample, log_time_ns: int | None = None) -> None:
+        """Append a sample.
+
+        Args:
+            sample: of a type that one of the sources produces.
+            log_time_ns: the time by which the stream is ordered and flushed; without it, the
+                sample's own time.
+
+        Raises:
+            StreamError: closed, not announced, not expressible as a message, or the output
+                refused it (disk full).
+        """
+        if self._closed or self._output.failed:
+            raise StreamError(f"cannot write {self._output.name}: it is closed or has failed")
+        if type(sample) not in self._types:
+            raise StreamError(f"no source of this recording produces {type(sample).__name__}")
+        log_time_ns = sample.t_ns if log_time_ns is None else log_time_ns
+        if not 0 <= log_time_ns <= _MAX_LOG_TIME_NS:
+            raise StreamError(f"log time {log_time_ns} ns is outside 0 to 2^64-1")
+        sequence = messages.checked_sequence(sample)
+        encoded = messages.encode(sample)
+        if self._flushed_at_ns is None:
+            self._write_transforms(log_time_ns)
+            self._flushed_at_ns = log_time_ns
+        self._append(encoded, sample.t_ns, log_time_ns, sequence)
+        if log_time_ns - self._flushed_at_ns >= self._flush_interval_ns:
+            self.flush()
+            self._flushed_at_ns = log_time_ns
+
+    def _write_transforms(self, log_time_ns: int) -> None:
+        if self._transforms:
+            message = StaticTransforms(log_time_ns, self._transforms)
+            self._append(messages.encode(message), log_time_ns, log_time_ns, sequence=0)
+
+    def _append(
+        self,
+        encoded: Sequence[messages.EncodedMessage],
+        publish_time_ns: int,
+        log_time_ns: int,
+        sequence: int,
+    ) -> None:
+        for message in encoded:
+            self._writer.add_message(
+                channel_id=self._channels[message.topic],
+                log_time=log_time_ns,
+                data=message.cdr,
+                publish_time=publish_time_ns,
+                sequence=sequence,
+            )
+
+    def flush(self) -> None:
+        """Close the chunk in progress and hand it to the operating system.
+
+        Raises:
+            StreamError: the output refused it.
+        """
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Write index and footer and close the file; harmless when closed.
+
+        After a failed write the file ends behind the last record that arrived whole.
+
+        Raises:
+            StreamError: the output refused the last bytes.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            if not self._output.failed:
+                self._writer.finish()
+                self._output.flush()
+        finally:
+            self._output.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _sample_types(sources: Sequence[SourceInfo]) -> list[type[Sample]]:
+    owners: dict[type[Sample], str] = {}
+    for info in sources:
+        for kind in info.produces:
+            if kind in owners:
+                raise StreamError(
+                    f"{owners[kind]} and {info.name} both produce {kind.__name__}; "
+                    "record them into separate files"
+                )
+            owners[kind] = info.name
+    return list(owners)

@@ -1,0 +1,113 @@
+"""Small recordings made of plain samples; what they do not fake: noise, jitter, a real scene."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from acquisition.byte_source import Pipe
+from acquisition.frames import (
+    DEPTH_OPTICAL_FRAME,
+    MOCAP_BODY_FRAME,
+    StaticTransform,
+    StaticTransforms,
+)
+from acquisition.stream_reader import StreamMessage, StreamReader
+from acquisition.stream_writer import StreamWriter
+from drivers.samples import (
+    AccelerationSample,
+    CameraIntrinsics,
+    DepthFrame,
+    PoseSample,
+    Sample,
+    frozen_array,
+)
+from drivers.source import SourceInfo
+
+START_NS = 1_700_000_000_000_000_000
+CAMERA = CameraIntrinsics(8, 6, 5.25, 5.5, 3.5, 2.5)
+SOURCE = SourceInfo(
+    "fake", "made of numbers", "7", (DepthFrame, PoseSample, AccelerationSample), "recorded"
+)
+MOUNT = StaticTransform(
+    MOCAP_BODY_FRAME,
+    DEPTH_OPTICAL_FRAME,
+    frozen_array((0.1, 0.2, 0.3), (3,)),
+    frozen_array((0.6, 0.0, -0.8, 0.0), (4,)),
+)
+
+
+def depth_frame(number: int, t_ns: int = START_NS, camera: CameraIntrinsics = CAMERA) -> DepthFrame:
+    """Return a frame whose pixels tell its number."""
+    shape = (camera.height_px, camera.width_px)
+    pixels = (np.arange(np.prod(shape)) * 7 + number * 13) % 5000
+    depth_mm = pixels.astype(np.uint16).reshape(shape)
+    depth_mm.flags.writeable = False
+    return DepthFrame(t_ns, depth_mm, camera, number)
+
+
+def pose(number: int, t_ns: int = START_NS) -> PoseSample:
+    """Return a pose whose position tells its number."""
+    quat = frozen_array((0.5, 0.5, -0.5, 0.5), (4,))
+    return PoseSample(t_ns, frozen_array((number, 0.5, 1.5), (3,)), quat, _covariance(), number)
+
+
+def _covariance() -> np.ndarray[Any, np.dtype[np.float64]]:
+    return frozen_array(np.arange(36.0).reshape(6, 6) * 1e-6, (6, 6))
+
+
+def acceleration(number: int, t_ns: int = START_NS) -> AccelerationSample:
+    """Return a sample whose x tells its number."""
+    return AccelerationSample(t_ns, frozen_array((number * 0.01, 0.0, 9.81), (3,)), number)
+
+
+def samples(seconds: float) -> list[Sample]:
+    """Return depth at 30 Hz, poses at 100 Hz and accelerations at 200 Hz, in time order."""
+    end_ns = START_NS + int(seconds * 1e9)
+    made: list[Sample] = []
+    for make, period_ns in (
+        (depth_frame, 33_333_333),
+        (pose, 10_000_000),
+        (acceleration, 5_000_000),
+    ):
+        made += [make(i, t) for i, t in enumerate(range(START_NS, end_ns, period_ns))]
+    return sorted(made, key=lambda sample: sample.t_ns)
+
+
+def recording(content: Sequence[Sample], **options: Any) -> bytes:
+    """Return the bytes of a recording of those samples."""
+    stream = io.BytesIO()
+    with StreamWriter(
+        stream, sources=[SOURCE], static_transforms=[MOUNT], settings={"rate_hz": 30}, **options
+    ) as writer:
+        for sample in content:
+            writer.write(sample)
+    return stream.getvalue()
+
+
+def reader_of(data: bytes, **options: Any) -> StreamReader:
+    """Return a reader of those bytes."""
+    return StreamReader(Pipe(io.BytesIO(data), "test"), **options)
+
+
+def same(a: Sample | StaticTransforms, b: Sample | StaticTransforms) -> bool:
+    """Tell whether two samples are equal bit for bit."""
+    return type(a) is type(b) and _bits(a) == _bits(b)
+
+
+def _bits(value: object) -> object:
+    if isinstance(value, np.ndarray):
+        return (value.dtype.str, value.shape, value.tobytes())
+    if isinstance(value, tuple):
+        return tuple(_bits(item) for item in value)
+    if hasattr(value, "__slots__"):
+        return tuple(_bits(getattr(value, name)) for name in value.__slots__)
+    return value
+
+
+def fingerprint(messages: Sequence[StreamMessage]) -> list[object]:
+    """Return what makes two read sequences equal bit for bit."""
+    return [_bits(message) for message in messages]
