@@ -157,10 +157,7 @@ class MillimetrePngFolder(DepthFolder):
 
     def find(self) -> Listing:
         """List the PNGs in the order of the times that their names say."""
-        try:
-            paths = [path for path in self.folder.iterdir() if path.suffix.lower() == ".png"]
-        except OSError as error:
-            raise DriverError(f"cannot list {self.folder}: {error}; check its mode") from error
+        paths = [path for path in self.folder.iterdir() if path.suffix.lower() == ".png"]
         if not paths:
             raise DriverError(f"{self.folder} has no .png files; expected depth images in it")
         timed = sorted(zip(_stamps_ns(paths, self._rate_hz), paths, strict=True))

@@ -169,6 +169,11 @@ class DepthFolder(ABC):
             contents = self._check()
         except DriverError as error:
             raise DriverError(f"{self._name}: {error}") from error
+        except OSError as error:  # pathlib tells a missing file from a forbidden one by raising
+            raise DriverError(
+                f"{self._name}: cannot look into {self.folder}: {error}; expected a folder that "
+                "this user may read, check its permissions"
+            ) from error
         self._contents = contents
         self._batches = contents.batches()
         return self._describe(contents)
