@@ -28,6 +28,9 @@ Float64Array = NDArray[np.float64]
 # way): wide enough to look across the sensor's depth steps, narrow enough for a 3 cm edge at 3 m.
 _GRADIENT_HALF_ANGLE_RAD = 0.0069
 
+# Lateral noise and correlation area are given for the sensor's own image; see `DepthNoiseModel`.
+SENSOR_WIDTH_PX = 640
+
 
 @dataclass(frozen=True, slots=True)
 class View:
@@ -53,6 +56,7 @@ class FrameReducer:
         self._settings = settings
         self._range = _range_constants(noise)
         self._noise_constants = _noise_constants(noise)
+        self._decimation = SENSOR_WIDTH_PX / camera.width_px
         self._baseline_px = max(1, round(_GRADIENT_HALF_ANGLE_RAD * camera.fx_px))
         self._ray_x, self._ray_y = _rays(camera)
         margin = 2 * self._baseline_px
@@ -98,8 +102,11 @@ class FrameReducer:
             self._baseline_px,
             self._ray_x,
             self._ray_y,
-            np.float32(self._camera.fx_px),
-            np.float32(self._camera.fy_px),
+            kernels.FocalConstants(
+                np.float32(self._camera.fx_px),
+                np.float32(self._camera.fy_px),
+                np.float32(1.0 / (self._camera.fx_px * self._decimation)),
+            ),
             self._noise_constants,
             _view_constants(view, window, self._settings.resolution_m),
             self._sums,
@@ -143,7 +150,7 @@ class FrameReducer:
             mount_rad=self._settings.mount_sigma_rad,
             bias_0_m=self._noise.bias_sigma_m,
             bias_2_per_m=self._noise.bias_sigma_quadratic_per_m,
-            correlation_area_px=self._noise.correlation_area_px,
+            correlation_area_px=max(self._noise.correlation_area_px / self._decimation**2, 1.0),
         )
 
 

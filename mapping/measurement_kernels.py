@@ -24,6 +24,8 @@ SUM_WEIGHT, SUM_WEIGHT_HEIGHT, SUM_WEIGHT_HEIGHT2, SUM_PIXELS = range(4)
 # cos(84 deg): mapping.noise.INCIDENCE_LIMIT_RAD.
 _COS_LIMIT = np.float32(0.10452846326765347)
 _HALF_PI = np.float32(1.5707963267948966)
+# No single reading is better than 10 um; keeps the weight finite where a ray runs level.
+_MIN_VARIANCE_M2 = np.float32(1e-10)
 _ONE = np.float32(1.0)
 _ZERO = np.float32(0.0)
 # acos(c) = sqrt(1 - c) (a0 + a1 c + a2 c^2 + a3 c^3), |error| <= 6.7e-5 rad.
@@ -42,6 +44,14 @@ class RangeConstants(NamedTuple):
     bias_quadratic_per_m: np.float32
     range_min_m: np.float32
     range_max_m: np.float32
+
+
+class FocalConstants(NamedTuple):
+    """Focal lengths of the image, and 1 / focal length of the sensor's 640 px wide image."""
+
+    x_px: np.float32
+    y_px: np.float32
+    inverse_sensor_px: np.float32
 
 
 class NoiseConstants(NamedTuple):
@@ -123,8 +133,7 @@ def measure_row(
     baseline_px: int,
     ray_x: Float32Array,
     ray_y: np.float32,
-    focal_x_px: np.float32,
-    focal_y_px: np.float32,
+    focal: FocalConstants,
     noise: NoiseConstants,
     view: ViewConstants,
     height_m: Float32Array,
@@ -138,9 +147,8 @@ def measure_row(
     The three z rows carry a margin of `baseline_px` zeros at both ends. cell = -1: no measurement.
     """
     half = np.float32(0.5) / np.float32(baseline_px)
-    focal_slope_x = focal_x_px * half
-    focal_slope_y = focal_y_px * half
-    inverse_focal = _ONE / focal_x_px
+    focal_slope_x = focal.x_px * half
+    focal_slope_y = focal.y_px * half
     # Slices with the same index keep the compiler from seeing possible negative subscripts.
     width = ray_x.shape[0]
     left = z_row[:width]
@@ -168,7 +176,7 @@ def measure_row(
         axial = noise.c0 + noise.c1 * excess * excess + noise.c3 / np.sqrt(z) * t * t
         z2 = z * z
         axial2 = axial * axial + noise.quantum_variance * z2 * z2
-        lateral = (noise.lateral_offset + noise.lateral_angle * t) * z * inverse_focal
+        lateral = (noise.lateral_offset + noise.lateral_angle * t) * z * focal.inverse_sensor_px
         rise = view.r20 * x + view.r21 * ray_y + view.r22
         variance = axial2 * rise * rise + lateral * lateral * (_ONE - rise * rise / ray2)
 
@@ -186,7 +194,7 @@ def measure_row(
             column if inside else _ZERO
         )
         height_m[u] = z * rise
-        weight[u] = _ONE / variance
+        weight[u] = _ONE / max(variance, _MIN_VARIANCE_M2)
         cell[u] = index if inside else np.int32(-1)
 
 
@@ -216,8 +224,7 @@ def accumulate(
     baseline_px: int,
     ray_x: Float32Array,
     ray_y: Float32Array,
-    focal_x_px: np.float32,
-    focal_y_px: np.float32,
+    focal: FocalConstants,
     noise: NoiseConstants,
     view: ViewConstants,
     sums: Float64Array,
@@ -236,8 +243,7 @@ def accumulate(
             baseline_px,
             ray_x,
             ray_y[v],
-            focal_x_px,
-            focal_y_px,
+            focal,
             noise,
             view,
             height_m,

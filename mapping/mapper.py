@@ -1,0 +1,165 @@
+"""The mapper: samples in, in the stream's order; an elevation map out.
+
+Only sensor time enters. Live and offline differ in where the samples come from, not in here.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from acquisition.frames import DEPTH_OPTICAL_FRAME, MOCAP_BODY_FRAME, StaticTransforms
+from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample, Sample
+from mapping.elevation_map import ElevationMap, read_out
+from mapping.errors import MappingError
+from mapping.geometry import UncertainPose
+from mapping.grid import make_grid
+from mapping.measurement import FrameReducer, View
+from mapping.mounts import MountTree
+from mapping.noise import DepthNoiseModel
+from mapping.pose_track import PoseTrack
+from mapping.settings import MapSettings
+from mapping.update_kernels import FusionConstants, fuse
+
+# A depth frame waits this long, in stream time, for a pose that surrounds it.
+_POSE_WAIT_NS = 2_000_000_000
+
+
+@dataclass(slots=True)
+class MapperCounts:
+    """What became of the input.
+
+    Attributes:
+        frames: depth frames mapped.
+        frames_without_pose: depth frames left out because no pose surrounds their time.
+        poses, poses_out_of_order: poses taken; poses left out because they came out of order.
+        readings: valid depth readings of the mapped frames.
+        readings_outside: readings of them that fell outside the grid.
+        updates: cell updates. rejected: those that went to a second hypothesis. replaced: second
+            hypotheses that took over.
+    """
+
+    frames: int = 0
+    frames_without_pose: int = 0
+    poses: int = 0
+    poses_out_of_order: int = 0
+    readings: int = 0
+    readings_outside: int = 0
+    updates: int = 0
+    rejected: int = 0
+    replaced: int = 0
+
+
+class Mapper:
+    """Fuses depth frames, seen from known poses, into a grid."""
+
+    def __init__(self, settings: MapSettings, noise: DepthNoiseModel) -> None:
+        self.settings = settings
+        self.noise = noise.with_range(
+            max(noise.range_min_m, settings.range_min_m),
+            min(noise.range_max_m, settings.range_max_m),
+        )
+        self.counts = MapperCounts()
+        self._grid = make_grid(settings)
+        self._fusion = _fusion_constants(settings)
+        self._poses = PoseTrack(round(settings.pose_gap_max_s * 1e9))
+        self._mounts = MountTree()
+        self._waiting: deque[DepthFrame] = deque()
+        self._reducer: FrameReducer | None = None
+
+    def add(self, sample: Sample | StaticTransforms) -> None:
+        """Take the next sample of the stream; others than depth, pose and mounts are ignored.
+
+        Raises:
+            MappingError: the mount is missing, a pose is not finite, or the map outgrows memory.
+        """
+        if isinstance(sample, StaticTransforms):
+            self._mounts.add(sample.transforms)
+            return
+        if isinstance(sample, PoseSample):
+            self._poses.add(sample)
+            self.counts.poses += 1
+            self.counts.poses_out_of_order = self._poses.out_of_order
+        elif isinstance(sample, DepthFrame):
+            self._waiting.append(sample)
+        self._map_ready_frames(sample.t_ns)
+
+    def finish(self) -> None:
+        """Map the frames that can be mapped and count the rest; the stream is over."""
+        while self._waiting:
+            self._map_or_count(self._waiting.popleft())
+
+    def elevation_map(self, attributes: dict[str, str | int | float] | None = None) -> ElevationMap:
+        """Return the map as it is now.
+
+        Raises:
+            MappingError: nothing has been mapped; the message says why.
+        """
+        if self.counts.frames == 0:
+            raise MappingError(self._why_nothing())
+        return read_out(self._grid, self.settings, attributes or {})
+
+    def _map_ready_frames(self, now_ns: int) -> None:
+        """Map waiting frames that a pose at or after their time, or patience, has released."""
+        newest_ns = self._poses.newest_ns
+        while self._waiting:
+            t_ns = self._waiting[0].t_ns
+            surrounded = newest_ns is not None and newest_ns >= t_ns
+            if not surrounded and now_ns - t_ns <= _POSE_WAIT_NS:
+                return
+            self._map_or_count(self._waiting.popleft())
+
+    def _map_or_count(self, frame: DepthFrame) -> None:
+        pose = self._poses.at(frame.t_ns)
+        if pose is None:
+            self.counts.frames_without_pose += 1
+        else:
+            self._map(frame, pose)
+
+    def _map(self, frame: DepthFrame, pose: UncertainPose) -> None:
+        """One depth frame's walk: readings, footprint, sums per cell, update."""
+        reducer = self._reducer_for(frame.camera)
+        mount = self._mounts.lookup(MOCAP_BODY_FRAME, DEPTH_OPTICAL_FRAME)
+        view = View(pose, pose.transform @ mount)
+        readings = reducer.load(frame.depth_mm)
+        rover_x_m, rover_y_m, _ = pose.transform.translation_m
+        window = self._grid.prepare(reducer.footprint(view), rover_x_m, rover_y_m)
+        sums, inside = reducer.reduce(view, window)
+        constants = reducer.frame_constants(view, window, self._grid.position(window))
+        result = fuse(sums, constants, self._fusion, self._grid.layers)
+        self.counts.frames += 1
+        self.counts.readings += readings
+        self.counts.readings_outside += readings - inside
+        self.counts.updates += result.cells
+        self.counts.rejected += result.rejected
+        self.counts.replaced += result.replaced
+
+    def _reducer_for(self, camera: CameraIntrinsics) -> FrameReducer:
+        if self._reducer is None or self._reducer.camera != camera:
+            self._reducer = FrameReducer(camera, self.noise, self.settings)
+        return self._reducer
+
+    def _why_nothing(self) -> str:
+        counts = self.counts
+        if counts.frames_without_pose == 0:
+            return "the stream holds no depth frame; nothing can be mapped"
+        if counts.poses == 0:
+            return (
+                f"the stream holds {counts.frames_without_pose} depth frames but no pose; record "
+                "motion capture, or import with a trajectory"
+            )
+        return (
+            f"none of {counts.frames_without_pose} depth frames lies between two of the "
+            f"{counts.poses} poses within {self.settings.pose_gap_max_s} s; check that both use "
+            "the same clock"
+        )
+
+
+def _fusion_constants(settings: MapSettings) -> FusionConstants:
+    return FusionConstants(
+        gate2=settings.gate_sigma**2,
+        floor_m2=settings.sigma_floor_m**2,
+        ceiling_m2=settings.sigma_ceiling_m**2,
+        correlation_time_ns=settings.common_correlation_time_s * 1e9,
+        confirmations=settings.confirmations,
+    )

@@ -1,0 +1,46 @@
+"""Where sensors sit on the rover: the fixed transforms of a recording as a tree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from acquisition.frames import StaticTransform
+from mapping.errors import MappingError
+from mapping.geometry import RigidTransform
+
+
+class MountTree:
+    """Fixed transforms between named frames, in whatever order they were published."""
+
+    def __init__(self) -> None:
+        self._neighbours: dict[str, dict[str, RigidTransform]] = {}
+
+    def add(self, transforms: Iterable[StaticTransform]) -> None:
+        """Take transforms; a later one between the same two frames replaces the earlier."""
+        for item in transforms:
+            to_parent = RigidTransform.from_quat_wxyz(item.position_m, item.quat_wxyz)
+            parent, child = item.parent_frame, item.child_frame
+            self._neighbours.setdefault(parent, {})[child] = to_parent
+            self._neighbours.setdefault(child, {})[parent] = to_parent.inverse()
+
+    def lookup(self, target: str, source: str) -> RigidTransform:
+        """Return T_target_source: coordinates in `source` to coordinates in `target`.
+
+        Raises:
+            MappingError: the recording does not connect the two frames.
+        """
+        reached = {target: RigidTransform.identity()}
+        queue = [target]
+        while queue and source not in reached:
+            frame = queue.pop(0)
+            for neighbour, transform in self._neighbours.get(frame, {}).items():
+                if neighbour not in reached:
+                    reached[neighbour] = reached[frame] @ transform
+                    queue.append(neighbour)
+        if source not in reached:
+            known = ", ".join(sorted(self._neighbours)) or "none"
+            raise MappingError(
+                f"the stream's /tf_static does not connect {target} with {source} (frames found: "
+                f"{known}); record the mount of the depth sensor"
+            )
+        return reached[source]

@@ -1,0 +1,142 @@
+"""From a stream to a map: take the recording's own calibration, map, say how it was made."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from acquisition.provenance import METADATA_NAME
+from acquisition.read_report import ReadReport
+from acquisition.stream_reader import StreamMessage, StreamReader
+from mapping.calibration_file import parse_noise
+from mapping.elevation_map import ElevationMap
+from mapping.errors import MappingError
+from mapping.mapper import Mapper, MapperCounts
+from mapping.noise import KINECT_V1, DepthNoiseModel
+from mapping.settings import MapSettings
+
+
+@dataclass(frozen=True, slots=True)
+class MapOptions:
+    """What the user asked for; None = as the recording says, else the default.
+
+    Attributes:
+        settings: the map's settings; their mount sigmas count only when the two below are None
+            and the recording says nothing.
+        noise: depth noise model.
+        mount_sigma_m, mount_sigma_rad: uncertainty of the depth sensor's mount.
+    """
+
+    settings: MapSettings
+    noise: DepthNoiseModel | None = None
+    mount_sigma_m: float | None = None
+    mount_sigma_rad: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MapResult:
+    """A map, what the reader found in the stream, and what became of it."""
+
+    map: ElevationMap
+    report: ReadReport
+    counts: MapperCounts
+    settings: MapSettings
+    noise: DepthNoiseModel
+
+
+def map_stream(
+    reader: StreamReader,
+    options: MapOptions,
+    progress: Callable[[StreamMessage], None] = lambda _: None,
+) -> MapResult:
+    """Map a stream until its end.
+
+    Raises:
+        MappingError: nothing can be mapped, or the recording's own calibration is unusable.
+        StreamError: the stream cannot be read.
+    """
+    mapper: Mapper | None = None
+    for message in reader:
+        mapper = mapper or _mapper_for(options, reader.metadata)
+        mapper.add(message.sample)
+        progress(message)
+    mapper = mapper or _mapper_for(options, reader.metadata)
+    mapper.finish()
+    report = reader.report
+    attributes = _attributes(mapper, report)
+    return MapResult(
+        mapper.elevation_map(attributes), report, mapper.counts, mapper.settings, mapper.noise
+    )
+
+
+def recorded_settings(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
+    """Return the settings that the recording was made with; empty for others' recordings.
+
+    Raises:
+        MappingError: they are there but are not a JSON object.
+    """
+    text = metadata.get(METADATA_NAME, {}).get("settings", "{}")
+    try:
+        settings = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise MappingError(f"the recording's settings are not JSON: {error}") from error
+    if not isinstance(settings, dict):
+        raise MappingError("the recording's settings are not a JSON object")
+    return settings
+
+
+def _mapper_for(options: MapOptions, metadata: Mapping[str, Mapping[str, str]]) -> Mapper:
+    """Return a mapper with the user's wishes over the recording's over the defaults."""
+    recorded = recorded_settings(metadata)
+    noise = options.noise
+    if noise is None and "depth_noise" in recorded:
+        noise = parse_noise(json.dumps(recorded["depth_noise"]), "the recording's depth_noise")
+    settings = replace(
+        options.settings,
+        mount_sigma_m=_first(
+            options.mount_sigma_m, recorded.get("mount_sigma_m"), options.settings.mount_sigma_m
+        ),
+        mount_sigma_rad=_first(
+            options.mount_sigma_rad,
+            recorded.get("mount_sigma_rad"),
+            options.settings.mount_sigma_rad,
+        ),
+    )
+    return Mapper(settings, noise or KINECT_V1)
+
+
+def _first(*candidates: object) -> float:
+    """Return the first candidate that is given.
+
+    Raises:
+        MappingError: it is not a number.
+    """
+    value = next(candidate for candidate in candidates if candidate is not None)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise MappingError(f"the recording's mount sigma is {value!r}; expected a number")
+    return float(value)
+
+
+def _attributes(mapper: Mapper, report: ReadReport) -> dict[str, str | int | float]:
+    """Return how the map was made, for the map file."""
+    attributes: dict[str, str | int | float] = {
+        f"setting_{name}": value for name, value in asdict(mapper.settings).items()
+    }
+    attributes |= {f"noise_{name}": value for name, value in asdict(mapper.noise).items()}
+    attributes |= {f"input_{name}": value for name, value in asdict(mapper.counts).items()}
+    attributes["input_complete"] = int(report.complete)
+    attributes["input_truncated_bytes"] = report.truncated_bytes
+    attributes["input_damaged_parts"] = len(report.damaged)
+    attributes["input_late_messages"] = report.late_messages
+    attributes["software"] = f"terravibe {_own_version()}"
+    return attributes
+
+
+def _own_version() -> str:
+    try:
+        return version("terravibe")
+    except PackageNotFoundError:
+        return "not installed"
