@@ -98,7 +98,8 @@ def read_out(
     """Return the map that a grid holds, cut to the cells that were seen.
 
     Variance = what differs from frame to frame + |sensitivities to the constant errors|^2 +
-    mount_sigma_m^2 + relief_share * spread inside the cell.
+    mount_sigma_m^2 + relief_share * (spread inside the cell + |slope|^2 d^2 / 12). The last term
+    is the spread that one view does not show: a far image row crosses a cell along one line.
 
     Raises:
         MappingError: the grid has seen nothing.
@@ -113,7 +114,11 @@ def read_out(
         + np.square(layers.systematic_bias_m)
         + np.float32(settings.mount_sigma_m**2)
     )
-    relief = np.float32(settings.relief_share) * layers.relief_m2
+    few = (layers.frames < settings.confirmed_frames) | (layers.pixels < settings.confirmed_pixels)
+    slope2 = _slope_squared(layers.elevation_m, ~few, settings.resolution_m)
+    spread = np.maximum(layers.relief_m2, np.float32(0.0))
+    spread += slope2 * np.float32(settings.resolution_m**2 / 12.0)
+    relief = np.float32(settings.relief_share) * spread
     variance = layers.variance_m2 + systematic + relief
     return ElevationMap(
         resolution_m=settings.resolution_m,
@@ -127,7 +132,7 @@ def read_out(
         frames=layers.frames,
         pixels=layers.pixels,
         last_seen_ns=np.where(seen, layers.last_ns, 0),
-        state=_states(layers, variance, settings),
+        state=_states(layers.frames, few, variance, settings),
         attributes=attributes,
     )
 
@@ -156,10 +161,39 @@ def _where(seen: NDArray[np.bool_], layer: Float32Array) -> Float32Array:
     return np.where(seen, layer, np.float32(np.nan))
 
 
-def _states(layers: CellLayers, variance: Float32Array, settings: MapSettings) -> NDArray[np.uint8]:
+def _slope_squared(
+    height_m: Float32Array, confirmed: NDArray[np.bool_], cell_size_m: float
+) -> Float32Array:
+    """Return |grad h|^2: central differences, one-sided beside a gap, 0 between two gaps."""
+    total = np.zeros_like(height_m)
+    for axis in (0, 1):
+        rise = np.zeros_like(height_m)
+        count = np.zeros_like(height_m)
+        lower, upper = _neighbours(axis)
+        step = height_m[upper] - height_m[lower]
+        usable = confirmed[upper] & confirmed[lower]
+        for side in (lower, upper):
+            rise[side] += np.where(usable, step, np.float32(0.0))
+            count[side] += usable
+        total += np.square(rise / (np.maximum(count, 1) * np.float32(cell_size_m)))
+    return total
+
+
+def _neighbours(axis: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return the index of every cell that has a next one along the axis, and of the next ones."""
+    first, last = slice(None, -1), slice(1, None)
+    whole = slice(None)
+    return ((first, whole), (last, whole)) if axis == 0 else ((whole, first), (whole, last))
+
+
+def _states(
+    frames: NDArray[np.uint32],
+    few: NDArray[np.bool_],
+    variance: Float32Array,
+    settings: MapSettings,
+) -> NDArray[np.uint8]:
     """Return the `CellState` of every cell."""
-    few = (layers.frames < settings.confirmed_frames) | (layers.pixels < settings.confirmed_pixels)
     vague = variance >= settings.uncertain_sigma_m**2
     state = np.where(vague, CellState.UNCERTAIN, CellState.MEASURED)
     state = np.where(few, CellState.UNCONFIRMED, state)
-    return np.where(layers.frames == 0, CellState.UNKNOWN, state).astype(np.uint8)
+    return np.where(frames == 0, CellState.UNKNOWN, state).astype(np.uint8)

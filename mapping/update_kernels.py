@@ -22,7 +22,8 @@ class CellLayers(NamedTuple):
     elevation_m: height in T. variance_m2: variance of all errors that differ from frame to frame.
     systematic_*_m: how far one sigma of each error that stays the same for the whole run moves
     the cell: mount rotation about the sensor's x, y and z, and depth bias. relief_m2: spread of
-    the surface inside the cell. candidate_*: the second hypothesis and how often it was confirmed.
+    the surface inside the cell, in excess of pixel noise: unbiased, so it may be below 0 where the
+    ground is flat. candidate_*: the second hypothesis and how often it was confirmed.
     frames, pixels: accepted measurements and the pixels in them. last_ns: stamp of the last one,
     meaningless while frames is 0.
     """
@@ -171,8 +172,8 @@ def _reduce(sums: Float64Array, k: int, j: int, i: int, c: FrameConstants) -> Me
     mean = sums[k, 1] / weight
     spread = max(sums[k, 2] / weight - mean * mean, 0.0)
     noise_m2 = n / weight
-    relief = max(spread * n / (n - 1.0) - noise_m2, 0.0) if n > 1.0 else 0.0
-    own = noise_m2 / max(n / c.correlation_area_px, 1.0) + relief / n
+    relief = spread * n / (n - 1.0) - noise_m2 if n > 1.0 else 0.0
+    own = noise_m2 / max(n / c.correlation_area_px, 1.0) + max(relief, 0.0) / n
     x = c.corner_x_m + (i + 0.5) * c.cell_size_m
     y = c.corner_y_m + (j + 0.5) * c.cell_size_m
     return Measurement(
@@ -260,7 +261,10 @@ def _update(
         rest * rest * known + gain * gain * measured, f.floor_m2, f.ceiling_m2
     )
     _set_systematic(layers, row, column, _blend(systematic, m.systematic, gain))
-    layers.relief_m2[row, column] = relief + m.pixels / (m.pixels + pixels) * (m.relief_m2 - relief)
+    # Each frame's spread has one degree of freedom less than it has pixels.
+    freedom = m.pixels - 1.0
+    share = freedom / max(freedom + pixels - float(layers.frames[row, column]), 1.0)
+    layers.relief_m2[row, column] = relief + share * (m.relief_m2 - relief)
     layers.candidate_hits[row, column] = max(layers.candidate_hits[row, column], 1) - 1
     layers.frames[row, column] += np.uint32(1)
     layers.pixels[row, column] += np.uint32(m.pixels)
@@ -276,7 +280,7 @@ def _challenge(
     measured = m.own_m2 + m.common_m2
     known = float(layers.candidate_m2[row, column])
     innovation = m.height_m - float(layers.candidate_m[row, column])
-    agrees = innovation * innovation <= f.gate2 * (known + measured + m.relief_m2)
+    agrees = innovation * innovation <= f.gate2 * (known + measured + max(m.relief_m2, 0.0))
     if hits > 0 and agrees:
         gain = known / (known + measured)
         layers.candidate_m[row, column] += gain * innovation
@@ -305,7 +309,7 @@ def _agrees(layers: CellLayers, row: int, column: int, m: Measurement, f: Fusion
     variance = float(layers.variance_m2[row, column]) + m.own_m2 + m.common_m2
     systematic = _get_systematic(layers, row, column)
     variance += _dot(systematic, systematic) + _dot(m.systematic, m.systematic)
-    variance += max(m.relief_m2, float(layers.relief_m2[row, column]))
+    variance += max(m.relief_m2, float(layers.relief_m2[row, column]), 0.0)
     return innovation * innovation <= f.gate2 * variance
 
 
