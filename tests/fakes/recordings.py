@@ -32,6 +32,7 @@ CAMERA = CameraIntrinsics(8, 6, 5.25, 5.5, 3.5, 2.5)
 SOURCE = SourceInfo(
     "fake", "made of numbers", "7", (DepthFrame, PoseSample, AccelerationSample), "recorded"
 )
+SETTINGS = {"rate_hz": 30}
 MOUNT = StaticTransform(
     MOCAP_BODY_FRAME,
     DEPTH_OPTICAL_FRAME,
@@ -81,7 +82,7 @@ def recording(content: Sequence[Sample], **options: Any) -> bytes:
     """Return the bytes of a recording of those samples."""
     stream = io.BytesIO()
     with StreamWriter(
-        stream, sources=[SOURCE], static_transforms=[MOUNT], settings={"rate_hz": 30}, **options
+        stream, sources=[SOURCE], static_transforms=[MOUNT], settings=SETTINGS, **options
     ) as writer:
         for sample in content:
             writer.write(sample)
