@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -96,19 +96,20 @@ def reader_of(data: bytes, **options: Any) -> StreamReader:
 
 def same(a: Sample | StaticTransforms, b: Sample | StaticTransforms) -> bool:
     """Tell whether two samples are equal bit for bit."""
-    return type(a) is type(b) and _bits(a) == _bits(b)
+    return type(a) is type(b) and bits(a) == bits(b)
 
 
-def _bits(value: object) -> object:
+def bits(value: object) -> object:
+    """Return a sample, a message or a part of one as something that compares bit for bit."""
     if isinstance(value, np.ndarray):
         return (value.dtype.str, value.shape, value.tobytes())
     if isinstance(value, tuple):
-        return tuple(_bits(item) for item in value)
+        return tuple(bits(item) for item in value)
     if hasattr(value, "__slots__"):
-        return tuple(_bits(getattr(value, name)) for name in value.__slots__)
+        return tuple(bits(getattr(value, name)) for name in value.__slots__)
     return value
 
 
-def fingerprint(messages: Sequence[StreamMessage]) -> list[object]:
+def fingerprint(messages: Iterable[StreamMessage]) -> list[object]:
     """Return what makes two read sequences equal bit for bit."""
-    return [_bits(message) for message in messages]
+    return [bits(message) for message in messages]
