@@ -96,7 +96,7 @@ def test_a_damaged_chunk_is_left_out_whole_and_told(number: int) -> None:
 def test_no_flipped_bit_goes_unnoticed_and_none_changes_a_message() -> None:
     chance = random.Random(1)
     outside = [i for r in raw_records(DATA) if r.opcode != Opcode.CHUNK for i in _span(r)]
-    positions = chance.sample(outside, 250) + chance.sample(range(len(DATA)), 150)
+    positions = chance.sample(outside, 150) + chance.sample(range(len(DATA)), 80)
     known = {repr(bits) for bits in WHOLE}
     for position in [*positions, *range(len(DATA) - 40, len(DATA))]:
         try:
