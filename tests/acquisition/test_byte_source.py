@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from acquisition.byte_source import FinishedFile, GrowingFile, Pipe
+from acquisition.byte_source import FinishedFile, GrowingFile, Pipe, standard_input
 from acquisition.errors import StreamError
 from acquisition.stream_reader import StreamReader
 from tests.fakes.recordings import fingerprint, reader_of, recording, samples
@@ -95,6 +95,21 @@ def test_a_pipe_hands_on_what_is_there_without_waiting_for_more() -> None:
         out.close()
         assert pipe.skip_rest() == 3
         assert pipe.read(100) == b""
+
+
+def test_standard_input_is_read_as_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = recording(samples(0.1))
+    with io.TextIOWrapper(io.BytesIO(data)) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        assert fingerprint(StreamReader(standard_input())) == fingerprint(reader_of(data))
+
+
+def test_a_terminal_is_no_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal, other_end = os.openpty()
+    with os.fdopen(terminal, "rb"), os.fdopen(other_end) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        with pytest.raises(StreamError, match="is a terminal"):
+            standard_input()
 
 
 def test_a_broken_pipe_is_one_line() -> None:

@@ -178,6 +178,16 @@ def test_after_a_torn_write_the_file_ends_behind_its_last_whole_record(tmp_path:
     assert not reader.report.complete
 
 
+def test_a_disk_that_fills_up_while_closing_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "r.mcap"
+    stream = writer(path, flush_interval_ns=10**12)
+    head_bytes = path.stat().st_size
+    write_all(stream)
+    with files_may_grow_to(head_bytes + 100), pytest.raises(StreamError, match="File too large"):
+        stream.close()
+    assert path.stat().st_size == head_bytes
+
+
 def test_a_pipe_whose_reader_has_gone_is_one_line() -> None:
     read_end, write_end = os.pipe()
     os.close(read_end)
