@@ -5,11 +5,12 @@ from __future__ import annotations
 import io
 import math
 import os
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, cast
 
 from acquisition.errors import StreamError
 
@@ -57,6 +58,17 @@ class Pipe:
         while data := self.read(_SKIP_BYTES):
             skipped += len(data)
         return skipped
+
+
+def standard_input() -> Pipe:
+    """Return standard input as a byte source.
+
+    Raises:
+        StreamError: it is a terminal, or there is none.
+    """
+    if sys.stdin is None or sys.stdin.isatty():
+        raise StreamError("standard input is a terminal; expected a recording from a pipe")
+    return Pipe(cast(io.BufferedReader, sys.stdin.buffer))
 
 
 class FinishedFile:

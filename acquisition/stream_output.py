@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -94,6 +95,8 @@ class StreamOutput:
             return
         try:
             if self.failed:
-                self._raw.truncate(self._length)
+                # A device or a pipe cannot be cut; the failure itself was reported by `write`.
+                with suppress(OSError):
+                    self._raw.truncate(self._length)
         finally:
             self._raw.close()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ CAMERA = CameraIntrinsics(8, 6, 5.25, 5.5, 3.5, 2.5)
 SOURCE = SourceInfo(
     "fake", "made of numbers", "7", (DepthFrame, PoseSample, AccelerationSample), "recorded"
 )
+SETTINGS = {"rate_hz": 30}
 MOUNT = StaticTransform(
     MOCAP_BODY_FRAME,
     DEPTH_OPTICAL_FRAME,
@@ -81,7 +82,7 @@ def recording(content: Sequence[Sample], **options: Any) -> bytes:
     """Return the bytes of a recording of those samples."""
     stream = io.BytesIO()
     with StreamWriter(
-        stream, sources=[SOURCE], static_transforms=[MOUNT], settings={"rate_hz": 30}, **options
+        stream, sources=[SOURCE], static_transforms=[MOUNT], settings=SETTINGS, **options
     ) as writer:
         for sample in content:
             writer.write(sample)
@@ -95,19 +96,20 @@ def reader_of(data: bytes, **options: Any) -> StreamReader:
 
 def same(a: Sample | StaticTransforms, b: Sample | StaticTransforms) -> bool:
     """Tell whether two samples are equal bit for bit."""
-    return type(a) is type(b) and _bits(a) == _bits(b)
+    return type(a) is type(b) and bits(a) == bits(b)
 
 
-def _bits(value: object) -> object:
+def bits(value: object) -> object:
+    """Return a sample, a message or a part of one as something that compares bit for bit."""
     if isinstance(value, np.ndarray):
         return (value.dtype.str, value.shape, value.tobytes())
     if isinstance(value, tuple):
-        return tuple(_bits(item) for item in value)
+        return tuple(bits(item) for item in value)
     if hasattr(value, "__slots__"):
-        return tuple(_bits(getattr(value, name)) for name in value.__slots__)
+        return tuple(bits(getattr(value, name)) for name in value.__slots__)
     return value
 
 
-def fingerprint(messages: Sequence[StreamMessage]) -> list[object]:
+def fingerprint(messages: Iterable[StreamMessage]) -> list[object]:
     """Return what makes two read sequences equal bit for bit."""
-    return [_bits(message) for message in messages]
+    return [bits(message) for message in messages]

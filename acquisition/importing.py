@@ -1,0 +1,76 @@
+"""A finite source, such as a folder of images, into one recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from acquisition.errors import StreamError
+from acquisition.files import replacing
+from acquisition.frames import StaticTransform
+from acquisition.stream_writer import StreamWriter
+from drivers.errors import EndOfSource
+from drivers.samples import Sample
+from drivers.source import Source, SourceInfo
+
+_READ_TIMEOUT_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class ImportSummary:
+    """What was imported: from where, and how many samples."""
+
+    info: SourceInfo
+    samples: int
+
+
+def record_all(
+    source: Source,
+    path: Path,
+    *,
+    static_transforms: Sequence[StaticTransform],
+    settings: Mapping[str, object],
+    progress: Callable[[int], None] | None = None,
+) -> ImportSummary:
+    """Write everything that the source gives to a recording, which appears when it is complete.
+
+    Args:
+        source: a finite source that is not open; it is closed again on every way out.
+        path: the recording.
+        static_transforms: where the frames sit.
+        settings: the resolved configuration, as JSON values.
+        progress: called with the number of samples so far, after each read.
+
+    Raises:
+        DriverError: the source failed.
+        StreamError: the recording cannot be written, or there is nothing to record.
+    """
+    samples = 0
+    try:
+        info = source.open()
+        with (
+            replacing(path) as temporary,
+            StreamWriter(
+                temporary, sources=[info], static_transforms=static_transforms, settings=settings
+            ) as writer,
+        ):
+            for batch in _batches(source):
+                for sample in batch:
+                    writer.write(sample)
+                samples += len(batch)
+                if progress is not None:
+                    progress(samples)
+            if not samples:
+                raise StreamError(f"{info.name} holds no samples; nothing was written to {path}")
+    finally:
+        source.close()
+    return ImportSummary(info, samples)
+
+
+def _batches(source: Source) -> Iterator[Sequence[Sample]]:
+    while True:
+        try:
+            yield source.read(_READ_TIMEOUT_S)
+        except EndOfSource:
+            return

@@ -1,0 +1,213 @@
+"""What a recording holds, and whether something is wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.read_report import Damage
+from acquisition.survey import Survey, TopicLog, survey
+
+MAX_GAP_PERIODS = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class TopicSummary:
+    """One topic of a recording.
+
+    Attributes:
+        topic: its name.
+        ros_type: its type.
+        messages: how many.
+        first_ns: log time of the first message in the file.
+        last_ns: log time of the last message in the file.
+        rate_hz: 1 / median period; None with fewer than two different times.
+        largest_gap_s: longest time between neighbours in log time; None with one message.
+        size_bytes: sum of the messages before compression.
+    """
+
+    topic: str
+    ros_type: str
+    messages: int
+    first_ns: int
+    last_ns: int
+    rate_hz: float | None
+    largest_gap_s: float | None
+    size_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingSummary:
+    """A recording in short.
+
+    Attributes:
+        path: the file.
+        size_bytes: its length.
+        duration_s: from the earliest to the latest log time; 0 when it holds no message.
+        topics: one summary each, by name.
+        metadata: the metadata records, by name.
+        damaged: parts that cannot be used.
+        truncated_bytes: bytes behind the last complete record.
+        complete: the proper end is there.
+    """
+
+    path: str
+    size_bytes: int
+    duration_s: float
+    topics: tuple[TopicSummary, ...]
+    metadata: Mapping[str, Mapping[str, str]]
+    damaged: tuple[Damage, ...]
+    truncated_bytes: int
+    complete: bool
+
+    def as_json(self) -> dict[str, object]:
+        """Return the summary as JSON values, under the names of its attributes."""
+        return asdict(self)
+
+    def describe(self) -> list[str]:
+        """Return the summary as lines for people."""
+        lines = [f"{self.path}: {self.size_bytes} bytes, {self.duration_s:.3f} s"]
+        lines += [_topic_line(topic) for topic in self.topics]
+        for name, record in self.metadata.items():
+            lines += [f"  {name}: {key} = {value}" for key, value in record.items()]
+        lines += [f"damaged: {damage.describe()}" for damage in self.damaged]
+        if not self.complete:
+            lines.append(f"no proper end; {self.truncated_bytes} bytes are left over")
+        return lines
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something wrong with a recording.
+
+    Attributes:
+        kind: "damage", "truncated", "unreadable", "order", "sequence", "gap", "missing" or
+            "unprotected".
+        topic: where; "" when it concerns the file.
+        text: what, as one line.
+    """
+
+    kind: str
+    topic: str
+    text: str
+
+
+def inspect(path: Path) -> RecordingSummary:
+    """Summarise a recording.
+
+    Raises:
+        StreamError: the file cannot be read or is no recording.
+    """
+    found = survey(path)
+    topics = tuple(_summary(topic, log) for topic, log in found.topics.items())
+    first_ns = min((min(log.log_times_ns) for log in found.topics.values()), default=0)
+    last_ns = max((max(log.log_times_ns) for log in found.topics.values()), default=0)
+    return RecordingSummary(
+        path=str(path),
+        size_bytes=found.size_bytes,
+        duration_s=(last_ns - first_ns) * 1e-9,
+        topics=topics,
+        metadata=found.metadata,
+        damaged=found.damaged,
+        truncated_bytes=found.truncated_bytes,
+        complete=found.complete,
+    )
+
+
+def _periods_ns(log: TopicLog) -> NDArray[np.uint64]:
+    """Return the times between neighbours in log time, without those of equal time."""
+    times_ns = np.sort(np.array(log.log_times_ns, dtype=np.uint64))
+    periods_ns = times_ns[1:] - times_ns[:-1]
+    return periods_ns[periods_ns > 0]
+
+
+def _summary(topic: str, log: TopicLog) -> TopicSummary:
+    periods = _periods_ns(log)
+    return TopicSummary(
+        topic=topic,
+        ros_type=log.ros_type,
+        messages=len(log.log_times_ns),
+        first_ns=log.log_times_ns[0],
+        last_ns=log.log_times_ns[-1],
+        rate_hz=float(1e9 / np.median(periods)) if periods.size else None,
+        largest_gap_s=float(periods.max() * 1e-9) if periods.size else None,
+        size_bytes=log.size_bytes,
+    )
+
+
+def _topic_line(topic: TopicSummary) -> str:
+    line = f"  {topic.topic} [{topic.ros_type or 'no type'}]: {topic.messages} messages"
+    if topic.rate_hz is not None:
+        line += f", {topic.rate_hz:.2f} Hz, largest gap {topic.largest_gap_s:.3f} s"
+    return f"{line}, {topic.size_bytes} bytes"
+
+
+def check(path: Path, *, max_gap_periods: float = MAX_GAP_PERIODS) -> list[Finding]:
+    """Return everything that is wrong with a recording; empty when it is sound.
+
+    Args:
+        path: the file.
+        max_gap_periods: a longer time without a message, in median periods, is a finding.
+
+    Raises:
+        StreamError: the file cannot be read or is no recording.
+    """
+    found = survey(path)
+    findings = list(_file_findings(found))
+    for topic, log in found.topics.items():
+        findings += _message_findings(topic, log)
+        findings += _sequence_findings(topic, log)
+        findings += _gap_findings(topic, log, max_gap_periods)
+    return findings
+
+
+def _file_findings(found: Survey) -> Iterator[Finding]:
+    for damage in found.damaged:
+        yield Finding("damage", "", damage.describe())
+    if not found.complete:
+        text = f"no proper end; {found.truncated_bytes} bytes are left over"
+        yield Finding("truncated", "", text)
+    if "/depth/image" in found.topics and "/depth/camera_info" not in found.topics:
+        yield Finding("missing", "/depth/camera_info", "depth images without a camera message")
+    if "/tf_static" not in found.topics:
+        yield Finding("missing", "/tf_static", "nothing says how the sensors are mounted")
+
+
+def _message_findings(topic: str, log: TopicLog) -> Iterator[Finding]:
+    if log.unreadable:
+        yield Finding("unreadable", topic, f"{log.unreadable} messages; {log.first_error}")
+    if log.unprotected:
+        yield Finding("unprotected", topic, f"{log.unprotected} messages have no checksum")
+    times_ns = np.array(log.log_times_ns, dtype=np.uint64)
+    backwards = int(np.count_nonzero(times_ns[1:] < times_ns[:-1]))
+    if backwards:
+        yield Finding("order", topic, f"log time goes backwards {backwards} times")
+
+
+def _sequence_findings(topic: str, log: TopicLog) -> Iterator[Finding]:
+    sequences = np.array(log.sequences, dtype=np.int64)
+    if not sequences.any():
+        return  # the program that recorded it gave no numbers
+    steps = np.diff(sequences)
+    repeated = int(np.count_nonzero(steps <= 0))
+    missing = int((steps[steps > 1] - 1).sum())
+    if repeated:
+        yield Finding("sequence", topic, f"sequence repeats or goes back {repeated} times")
+    if missing:
+        yield Finding("sequence", topic, f"{missing} messages are missing by their sequence")
+
+
+def _gap_findings(topic: str, log: TopicLog, max_gap_periods: float) -> Iterator[Finding]:
+    periods = _periods_ns(log)
+    if not periods.size:
+        return
+    limit_ns = max_gap_periods * float(np.median(periods))
+    gaps = periods[periods > limit_ns]
+    if gaps.size:
+        longest_s, limit_s = gaps.max() * 1e-9, limit_ns * 1e-9
+        text = f"{gaps.size} gaps of more than {limit_s:.3f} s, up to {longest_s:.3f} s"
+        yield Finding("gap", topic, text)

@@ -1,0 +1,65 @@
+"""Products appear whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from acquisition.errors import StreamError
+from acquisition.files import replacing
+
+
+def test_the_file_appears_when_it_is_complete(tmp_path: Path) -> None:
+    target = tmp_path / "map.nc"
+    target.write_text("old")
+    with replacing(target) as temporary:
+        assert (temporary.parent, temporary.suffix) == (tmp_path, ".nc")
+        temporary.write_text("new")
+        assert target.read_text() == "old"
+    assert target.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_a_failure_leaves_the_old_file_alone(tmp_path: Path, error: type[BaseException]) -> None:
+    target = tmp_path / "map.nc"
+    target.write_text("old")
+
+    def write_half() -> None:
+        with replacing(target) as temporary:
+            temporary.write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        write_half()
+    assert target.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_missing_folder_is_told_before_any_work(tmp_path: Path) -> None:
+    with pytest.raises(StreamError, match="there is no folder"), replacing(tmp_path / "no" / "f"):
+        pytest.fail("the body must not run")
+
+
+def test_a_folder_is_no_target(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    with pytest.raises(StreamError, match="it is a folder"), replacing(tmp_path / "sub"):
+        pytest.fail("the body must not run")
+
+
+def test_a_folder_without_permission_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Tests may run as root, whom no permission stops.
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with pytest.raises(StreamError, match="no permission"), replacing(tmp_path / "f"):
+        pytest.fail("the body must not run")
+
+
+def test_a_body_that_writes_nothing_is_told(tmp_path: Path) -> None:
+    with (
+        pytest.raises(StreamError, match="No such file"),
+        replacing(tmp_path / "f"),
+    ):
+        pass
