@@ -19,7 +19,7 @@ from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
 from mapping.pose_track import PoseTrack
 from mapping.settings import MapSettings
-from mapping.update_kernels import FusionConstants, fuse
+from mapping.update_kernels import fuse, fusion_constants
 
 # A depth frame waits this long, in stream time, for a pose that surrounds it.
 _POSE_WAIT_NS = 2_000_000_000
@@ -61,7 +61,7 @@ class Mapper:
         )
         self.counts = MapperCounts()
         self._grid = make_grid(settings)
-        self._fusion = _fusion_constants(settings)
+        self._fusion = fusion_constants(settings)
         self._poses = PoseTrack(round(settings.pose_gap_max_s * 1e9))
         self._mounts = MountTree()
         self._waiting: deque[DepthFrame] = deque()
@@ -153,13 +153,3 @@ class Mapper:
             f"{counts.poses} poses within {self.settings.pose_gap_max_s} s; check that both use "
             "the same clock"
         )
-
-
-def _fusion_constants(settings: MapSettings) -> FusionConstants:
-    return FusionConstants(
-        gate2=settings.gate_sigma**2,
-        floor_m2=settings.sigma_floor_m**2,
-        ceiling_m2=settings.sigma_ceiling_m**2,
-        correlation_time_ns=settings.common_correlation_time_s * 1e9,
-        confirmations=settings.confirmations,
-    )

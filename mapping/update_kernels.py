@@ -12,6 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mapping.settings import MapSettings
+
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 
@@ -90,6 +92,17 @@ class FusionConstants(NamedTuple):
     ceiling_m2: float
     correlation_time_ns: float
     confirmations: int
+
+
+def fusion_constants(settings: MapSettings) -> FusionConstants:
+    """Return the settings in the units of the loop."""
+    return FusionConstants(
+        gate2=settings.gate_sigma**2,
+        floor_m2=settings.sigma_floor_m**2,
+        ceiling_m2=settings.sigma_ceiling_m**2,
+        correlation_time_ns=settings.common_correlation_time_s * 1e9,
+        confirmations=settings.confirmations,
+    )
 
 
 class Systematic(NamedTuple):
