@@ -32,7 +32,7 @@ from drivers.openni_protocol import (
 )
 
 _WAIT_S = 0.1  # how often the counter grows when nothing arrives
-_STOP_S = 1.0  # what closing the device may take
+_STOP_S = 2.0  # what closing the device may take
 
 
 class ParentLink:

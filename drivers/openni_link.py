@@ -33,7 +33,7 @@ from drivers.openni_protocol import (
 )
 
 _LOOK_S = 0.25  # how often a silent helper is looked at
-_EXIT_S = 2.0  # told to stop, the helper ends itself after 1 s, whatever native code does
+_EXIT_S = 3.0  # told to stop, the helper ends itself after 2 s, whatever native code does
 
 
 class OpenNiLink:
