@@ -126,7 +126,7 @@ class DepthFolder(ABC):
         name: the instance's name.
     """
 
-    model = "depth folder"
+    model: str
 
     def __init__(
         self,

@@ -138,21 +138,21 @@ class OpenNiDepth:
         self.close()
         try:
             self._check_settings()
-            link = OpenNiLink(
-                find_library(self._library_folders),
+            library_folder = find_library(self._library_folders)
+        except DriverError as error:
+            raise DriverError(f"{self._name}: {error}") from error
+        try:
+            self._link = OpenNiLink(
+                library_folder,
                 self._device or "" if self._file is None else str(self._file.resolve()),
                 is_file=self._file is not None,
                 silence_s=self._silence_s,
                 stall_s=self._stall_s,
             )
+            ready = self._link.wait_ready(self._open_timeout_s)
         except DriverError as error:
+            self.close()
             raise self._named(error) from error
-        try:
-            ready = link.wait_ready(self._open_timeout_s)
-        except DriverError as error:
-            link.stop()
-            raise self._named(error) from error
-        self._link = link
         self._first_index = None
         self._ended = False
         return self._describe(ready)
@@ -200,7 +200,7 @@ class OpenNiDepth:
             link.stop()
 
     def _named(self, error: DriverError) -> DriverError:
-        """Return the error with the name of this device before its text."""
+        """Return an error of the link with the name of this device before its text."""
         what = self._file or self._device or "depth camera"
         return DriverError(f"{self._name}: {what} {error}")
 
@@ -213,6 +213,10 @@ class OpenNiDepth:
         if self._intrinsics_px is not None:
             check_intrinsics(self._intrinsics_px)
         if self._file is not None:
+            if self._device is not None:
+                raise DriverError(
+                    f"device is {self._device!r} and file is {self._file}; expected one of them"
+                )
             _check_magic(self._file)
         if importlib.util.find_spec("openni") is None:
             raise DriverError("the package openni is missing; pip install 'terravibe[kinect]'")
@@ -253,7 +257,9 @@ def _check_magic(file: Path) -> None:
             magic = stream.read(len(_ONI_MAGIC))
     except OSError as error:
         raise DriverError(
-            f"cannot be read: {error}; expected an .oni recording, check the path"
+            f"cannot read {file}: {error}; expected an .oni recording, check the path"
         ) from error
     if magic != _ONI_MAGIC:
-        raise DriverError(f"starts with {magic!r}; expected {_ONI_MAGIC!r}, an OpenNI recording")
+        raise DriverError(
+            f"{file} starts with {magic!r}; expected {_ONI_MAGIC!r}, an OpenNI recording"
+        )

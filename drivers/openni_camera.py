@@ -9,6 +9,7 @@ valid until the next call.
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import time
 from pathlib import Path
@@ -124,7 +125,7 @@ class Camera:
         if has_freenect_driver(folder):
             raise CameraError(
                 "is not found by OpenNI2; expected a Kinect V1, check its plug, its 12 V supply "
-                "and the udev rules in docs/devices/kinect.md"
+                "and the udev rules in docs/devices/udev.md"
             )
         raise CameraError(
             "is not found by OpenNI2, which has no libFreenectDriver.so in "
@@ -178,6 +179,7 @@ class Camera:
 
     def _field_of_view(self) -> tuple[float, float] | None:
         try:
-            return self._stream.get_horizontal_fov(), self._stream.get_vertical_fov()
+            fov_rad = self._stream.get_horizontal_fov(), self._stream.get_vertical_fov()
         except self._openni2.OpenNIError:  # the stream does not say
             return None
+        return fov_rad if all(0.0 < angle < math.pi for angle in fov_rad) else None

@@ -147,8 +147,8 @@ def main() -> None:
     threading.Thread(target=link.obey, daemon=True).start()
     camera = Camera(settings)
     ready = camera.describe()
-    link.announce(ready)
     camera.start()
+    link.announce(ready)  # from here on the parent expects signs of life
     pass_on(camera, link, settings, ready.frames)
     camera.close()
     os._exit(0)

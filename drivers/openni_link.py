@@ -113,7 +113,7 @@ class OpenNiLink:
 
         Args:
             timeout_s: how long to wait.
-            step: take every so manieth pixel of every so manieth row.
+            step: 1 for all pixels, 2 for every second pixel of every second row.
 
         Raises:
             DriverError: the helper failed, crashed or hangs; `stop` is still to be called.
@@ -183,7 +183,8 @@ class OpenNiLink:
 
     def _cause_of_death(self) -> str:
         status = self._end_process()
-        cause = f"ended by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
+        signals = {entry.value: entry.name for entry in signal.Signals}
+        cause = f"ended by {signals.get(-status)}" if status < 0 else f"exit code {status}"
         advice = (
             "the recording is probably damaged, copy it again"
             if self._is_file
