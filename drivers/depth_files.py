@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from drivers.checks import check_positive
 from drivers.depth_folder import (
     MAX_POSE_GAP_S,
     POSE_SIGMA_M,
@@ -16,7 +17,6 @@ from drivers.depth_folder import (
     FramesWithoutPose,
     Listing,
     PoseSettings,
-    check_positive,
 )
 from drivers.errors import DriverError
 from drivers.samples import AccelerationSample, frozen_array
