@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.samples import Float64Array
+from drivers.samples import Float64Array, frozen_array
 
 # The fixed frame in which poses are given; its z axis points up.
 WORLD_FRAME = "world"
@@ -48,3 +48,10 @@ class StaticTransforms:
 
     t_ns: int
     transforms: tuple[StaticTransform, ...]
+
+
+def camera_is_tracked_body() -> StaticTransform:
+    """Return the mount of recordings whose poses are those of the depth camera itself."""
+    position = frozen_array((0.0, 0.0, 0.0), (3,))
+    no_rotation = frozen_array((1.0, 0.0, 0.0, 0.0), (4,))
+    return StaticTransform(MOCAP_BODY_FRAME, DEPTH_OPTICAL_FRAME, position, no_rotation)
