@@ -12,6 +12,7 @@ from acquisition.byte_source import ByteSource
 from acquisition.container import Container, RecordedMessage
 from acquisition.depth_messages import CameraInfo, DepthImage
 from acquisition.depth_pairing import DepthPairing
+from acquisition.errors import StreamError
 from acquisition.frames import StaticTransforms
 from acquisition.framing import MAX_RECORD_BYTES
 from acquisition.read_report import ReadReport
@@ -74,7 +75,15 @@ class StreamReader:
             topics: topic of the recording -> topic of `messages.MESSAGE_TYPES` as which to read
                 it; the others keep their names.
             max_record_bytes: a longer record is taken for nonsense.
+
+        Raises:
+            StreamError: the reorder window is negative.
         """
+        if reorder_window_ns < 0:
+            raise StreamError(
+                f"the reorder window is {reorder_window_ns} ns; expected 0 or more, such as "
+                f"{REORDER_WINDOW_NS}"
+            )
         self._name = source.name
         self._topics = topics
         self._container = Container(source, max_record_bytes)

@@ -14,9 +14,11 @@ from acquisition.frames import camera_is_tracked_body
 from acquisition.stream_reader import StreamMessage
 from drivers.source import Source
 from mapping.evaluation import Scores
+from mapping.figures import write_figures
 from mapping.live import record_and_map
 from mapping.map_file import write_map
 from mapping.map_summary import RunSummary, summarise_run
+from mapping.report import write_report
 from mapping.session import MapOptions
 from mapping.settings import MapSettings
 from mapping.truth import Truth, evaluate_truth, write_truth
@@ -79,7 +81,10 @@ def run(
         MappingError: the folder cannot be made, or there is no map.
         DriverError, StreamError: the source or the recording failed.
     """
-    _make_folder(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MappingError(f"cannot make the folder {folder}: {error.strerror}") from error
     start = time.monotonic()
     settings = MapSettings()
     mapped = record_and_map(
@@ -95,8 +100,28 @@ def run(
     summary = summarise_run(mapped, str(folder / "map.nc"))
     write_map(mapped.map, folder / "map.nc")
     write_truth(folder / "truth.nc", truth)
-    _report(demo, folder, mapped, truth, scores, summary)
+    _report(folder, mapped, truth, scores, summary)
     result = DemoResult(folder, summary, scores, time.monotonic() - start)
     with replacing(folder / "metrics.json") as temporary:
         temporary.write_text(json.dumps(result.as_json(), indent=2, allow_nan=False) + "\n")
     return result
+
+
+def _report(
+    folder: Path, mapped: MapResult, truth: Truth, scores: Scores, summary: RunSummary
+) -> None:
+    """Draw the figures and write the report around them."""
+    figures = write_figures(mapped.map, folder / "figures", truth.truth_at(mapped.map).height_m)
+    facts: dict[str, object] = {
+        name.replace("_", " "): value for name, value in summary.counts.items()
+    }
+    for number, warning in enumerate(summary.warnings, 1):
+        facts[f"warning {number}"] = warning
+    write_report(
+        folder / "report.html",
+        "terravibe demo: a simulated drive, mapped while it was recorded",
+        mapped.map,
+        figures,
+        scores,
+        facts,
+    )
