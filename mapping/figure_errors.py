@@ -48,7 +48,9 @@ def consistency_figure(map_: ElevationMap, truth_m: NDArray[np.floating]) -> Fig
     figure = Figure(figsize=(8.0, 4.5), layout="constrained")
     axes = figure.add_subplot()
     density = counts / (ratio.size * np.diff(edges))
-    axes.stairs(density, edges, fill=True, color=BLUE, alpha=0.6, label="cells of the map")
+    axes.stairs(
+        density, edges, fill=True, color=BLUE, alpha=0.6, label="confirmed cells, edges included"
+    )
     z = np.linspace(edges[0], edges[-1], 400)
     normal = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
     axes.plot(z, normal, color=ORANGE, label="unit normal law: an exact sigma")
