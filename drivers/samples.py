@@ -98,4 +98,25 @@ class AccelerationSample:
     sequence: int
 
 
-Sample = DepthFrame | PoseSample | AccelerationSample
+@dataclass(frozen=True, slots=True)
+class YawRateSample:
+    """Angular rate about the one axis that a gyro senses.
+
+    Attributes:
+        t_ns: time of the sample.
+        rate_rad_s: rad/s about the chip's sensing axis, right-handed, bias not removed.
+        temperature_c: the chip's latest own temperature in degrees Celsius; None where it
+            reports no absolute temperature or has not reported one yet.
+        raw_counts: the signed register value that `rate_rad_s` was scaled from.
+        sequence: counter of the source, starting at 0; a gap means lost samples, as far as the
+            driver can tell.
+    """
+
+    t_ns: int
+    rate_rad_s: float
+    temperature_c: float | None
+    raw_counts: int
+    sequence: int
+
+
+Sample = DepthFrame | PoseSample | AccelerationSample | YawRateSample
