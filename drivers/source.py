@@ -97,6 +97,7 @@ SOURCES: Mapping[str, str] = {
     "tum": "drivers.depth_files:TumFolder",
     "png": "drivers.depth_files:MillimetrePngFolder",
     "gyro": "drivers.gyro:YawGyro",
+    "wheels": "drivers.wheels:Wheels",
 }
 
 
