@@ -98,6 +98,7 @@ SOURCES: Mapping[str, str] = {
     "png": "drivers.depth_files:MillimetrePngFolder",
     "gyro": "drivers.gyro:YawGyro",
     "wheels": "drivers.wheels:Wheels",
+    "mocap": "drivers.mocap:MotionCapture",
 }
 
 
