@@ -159,14 +159,34 @@ def test_unplugging_is_named_and_replugging_is_used_again(adapter: SlcanPty) -> 
     assert next(sequence) == 200
 
 
-def test_frames_before_the_unplugging_are_not_lost(adapter: SlcanPty) -> None:
-    with OpenSource(wheels := slcan_wheels(adapter)):
-        adapter.feed([puma_line(2, 1.0)] * 3)
-        adapter.pump()
-        assert len(frames_of(wheels.read(0.5))) == 3
-        adapter.unplug()
-        with pytest.raises(DriverError, match="the bus is gone"):
-            wheels.read(0.5)
+class DyingBus:
+    """A bus of python-can that fails right behind two frames."""
+
+    def __init__(self, **_settings: object) -> None:
+        self.waiting = [can.Message(arbitration_id=n, is_extended_id=False) for n in (1, 2)]
+        self.is_shut_down = False
+
+    def fileno(self) -> int:
+        raise NotImplementedError
+
+    def recv(self, timeout: float) -> can.Message:
+        if not self.waiting:
+            raise can.CanOperationError("Network is down")
+        return self.waiting.pop(0)
+
+    def shutdown(self) -> None:
+        self.is_shut_down = True
+
+
+def test_frames_before_a_failure_are_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = DyingBus()
+    monkeypatch.setattr(can, "Bus", lambda **settings: bus)
+    with OpenSource(wheels := Wheels("can0", interface="virtual")):
+        assert [f.arbitration_id for f in frames_of(wheels.read(0.1))] == [1, 2]
+        assert not bus.is_shut_down
+        with pytest.raises(DriverError, match="the bus is gone: Network is down"):
+            wheels.read(0.1)
+        assert bus.is_shut_down
 
 
 def test_a_missing_adapter_says_what_to_do(tmp_path: Path) -> None:
