@@ -33,10 +33,10 @@ _SLCAN_DEFAULTS: Mapping[str, object] = {"sleep_after_open": 0.1}
 
 @dataclass(slots=True)
 class CanCounters:
-    """What came over the bus since construction.
+    """What came over the bus since the link was made.
 
     Attributes:
-        frames: frames received, error frames included.
+        frames: frames received, error frames included; the next frame's sequence number.
         error_frames: reports of errors on the bus.
         garbled: what arrived as a frame but is no valid frame of classic CAN.
     """
@@ -96,19 +96,31 @@ class CanLink:
             if self._interface == "socketcan":  # python-can would leak a socket on a wrong name
                 socket.if_nametoindex(self._channel)
             # ignore_config: a ~/.canrc must not change what the configuration says.
-            bus = can.Bus(
+            self._bus = can.Bus(
                 interface=self._interface,
                 channel=self._channel,
                 ignore_config=True,
                 **self._options,
             )
+            self._prepare(self._bus)
         except (can.CanError, OSError, ValueError, TypeError, NotImplementedError) as error:
+            self.close()
             raise DriverError(f"cannot open the bus: {error}; {self._advice}") from error
-        self._bus, self._failure = bus, None
+
+    def _prepare(self, bus: BusABC) -> None:
+        """Find the descriptor to wait on; make a serial port ours, and ASCII only."""
         with suppress(NotImplementedError):
             self._descriptor = bus.fileno()
-        if self._interface == "slcan" and self._descriptor is not None:
-            _strip_bit_7(self._descriptor)
+        if self._interface != "slcan" or self._descriptor is None:
+            return
+        # Two readers would each get half of the bytes; pyserial's `exclusive` locks the same way.
+        fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            settings = termios.tcgetattr(self._descriptor)
+            settings[0] |= termios.ISTRIP
+            termios.tcsetattr(self._descriptor, termios.TCSANOW, settings)
+        except termios.error as error:
+            raise OSError(*error.args) from error
 
     @property
     def _advice(self) -> str:
@@ -196,11 +208,3 @@ class CanLink:
         )
         self.counters.frames += 1
         self.counters.error_frames += message.is_error_frame
-
-
-def _strip_bit_7(descriptor: int) -> None:
-    """Make a serial port deliver ASCII only, and to nobody else."""
-    settings = termios.tcgetattr(descriptor)
-    settings[0] |= termios.ISTRIP
-    termios.tcsetattr(descriptor, termios.TCSANOW, settings)
-    fcntl.ioctl(descriptor, termios.TIOCEXCL)

@@ -63,7 +63,8 @@ class TwistDecoder:
         self._layout = layout
         self._window_ns = round(window_s * 1e9)
         self._messages: dict[tuple[int, bool], tuple[Message, list[_Input]]] = {}
-        self._texts = (*layout.left, *layout.right) or (layout.speed, layout.yaw_rate)
+        texts = (*layout.left, *layout.right) or (layout.speed, layout.yaw_rate)
+        self._texts = tuple(dict.fromkeys(texts))
         database = _load(layout)
         for text in self._texts:
             self._add_input(database, text)
@@ -99,7 +100,9 @@ class TwistDecoder:
             self.counters.undecodable += 1
             return
         for wanted in inputs:
-            value = decoded.get(wanted.signal) if isinstance(decoded, dict) else None
+            if not isinstance(decoded, dict) or wanted.signal not in decoded:
+                continue  # a multiplexed message without this signal this time
+            value = decoded[wanted.signal]
             if isinstance(value, int | float) and math.isfinite(value):
                 self._values[wanted.text] = (frame.t_ns, value * wanted.factor)
             else:
@@ -131,7 +134,7 @@ class TwistDecoder:
     def _add_input(self, database: Database, text: str) -> None:
         """Find `Message.Signal` in the DBC file; DriverError when it is not there."""
         message_name, _, signal_name = text.removeprefix("-").partition(".")
-        signals = {message.name: message.signal_tree for message in database.messages}
+        signals = {m.name: [s.name for s in m.signals] for m in database.messages}
         if signal_name not in signals.get(message_name, ()):
             raise DriverError(
                 f"no signal {text!r} in {self._layout.dbc_path}; its messages are "

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from drivers.can_link import CanCounters, CanLink
 from drivers.errors import DriverError
@@ -73,8 +74,10 @@ class Wheels:
         self._silence_timeout_s = silence_timeout_s
         self._clock = clock
         self._sleep = sleep
-        self._link = CanLink(interface, channel, bitrate, bus_options or {}, clock)
+        self._new_link = partial(CanLink, interface, channel, bitrate, bus_options or {}, clock)
+        self._link = self._new_link()
         self._decoder: TwistDecoder | None = None
+        self._is_open = False
         self._frame_ns = self._twist_ns = 0
         self._alarm = ""
 
@@ -85,7 +88,7 @@ class Wheels:
 
     @property
     def bus_counters(self) -> CanCounters:
-        """Frames, error frames and garbled lines since construction."""
+        """Frames, error frames and garbled lines since `open`."""
         return self._link.counters
 
     @property
@@ -101,11 +104,12 @@ class Wheels:
         """
         self.close()
         try:
-            decoder = TwistDecoder(self._layout, self._set_window_s)
+            self._decoder = TwistDecoder(self._layout, self._set_window_s)
+            self._link = self._new_link()
             self._link.open()
         except DriverError as error:
             raise self._error(error) from error
-        self._decoder = decoder
+        self._is_open = True
         self._restart_watch()
         return SourceInfo(
             name=self._name,
@@ -126,12 +130,14 @@ class Wheels:
         Raises:
             DriverError: not open, or one of the cases that the module names.
         """
-        if self._decoder is None:
+        if self._decoder is None or not self._is_open:
             raise DriverError(f"{self._name}: not open; call open() first")
         self._raise_alarm()
         try:
             if not self._link.is_open:
-                self._sleep(min(timeout_s, _REOPEN_PAUSE_S))
+                pause_s = min(timeout_s, _REOPEN_PAUSE_S)
+                self._sleep(pause_s)
+                timeout_s -= pause_s
                 self._link.open()
                 self._restart_watch()
             frames = self._link.receive(min(timeout_s, self._silence_timeout_s))
@@ -145,7 +151,7 @@ class Wheels:
 
     def close(self) -> None:
         """Release the bus."""
-        self._decoder = None
+        self._is_open = False
         self._alarm = ""
         self._link.close()
 

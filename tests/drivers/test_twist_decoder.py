@@ -22,8 +22,10 @@ BU_: ECU
 BO_ 256 Sides: 8 ECU
  SG_ Left : 0|32@1- (1,0) [0|0] "km/h" ECU
  SG_ Right : 32|32@1- (1,0) [0|0] "km/h" ECU
-BO_ 257 Odd: 2 ECU
- SG_ Furlongs : 0|16@1- (1,0) [0|0] "furlong" ECU
+BO_ 258 Paged: 3 ECU
+ SG_ Page M : 0|8@1+ (1,0) [0|0] "" ECU
+ SG_ Left m0 : 8|16@1- (1,0) [0|0] "mm/s" ECU
+ SG_ Right m1 : 8|16@1- (1,0) [0|0] "mm/s" ECU
 SIG_VALTYPE_ 256 Left : 1;
 SIG_VALTYPE_ 256 Right : 1;
 """
@@ -147,6 +149,14 @@ def test_a_value_that_is_no_number_is_missing(bad: float, own_dbc: str) -> None:
     assert decoder.counters.invalid_values == 1
     (sample,) = feed(decoder, frame(256, struct.pack("<ff", 3.6, 7.2), extended=False))
     assert (sample.left_m_s, sample.right_m_s) == pytest.approx((1.0, 2.0))
+
+
+def test_multiplexed_signals_make_one_twist(own_dbc: str) -> None:
+    layout = {"dbc": own_dbc, "left": ["Paged.Left"], "right": ["Paged.Right"]}
+    decoder = TwistDecoder(vehicle_layout("custom", layout), 0.02)
+    pages = [frame(258, bytes([n]) + struct.pack("<h", 500), extended=False) for n in (0, 1)]
+    assert [t.speed_m_s for t in feed(decoder, *pages)] == [0.5]
+    assert decoder.counters.invalid_values == 0
 
 
 def test_data_that_the_dbc_file_does_not_fit_are_counted() -> None:

@@ -159,6 +159,18 @@ def test_unplugging_is_named_and_replugging_is_used_again(adapter: SlcanPty) -> 
     assert next(sequence) == 200
 
 
+def test_a_port_in_use_is_refused_and_free_again_after_close(adapter: SlcanPty) -> None:
+    first, second = slcan_wheels(adapter), slcan_wheels(adapter)
+    with OpenSource(first), pytest.raises(DriverError, match="Resource temporarily unavailable"):
+        second.open()
+    with OpenSource(second):
+        adapter.feed([puma_line(2, 1.0)] * 3)
+        assert [f.sequence for f in frames_of(pump_and_read(adapter, second))] == [0, 1, 2]
+    with OpenSource(second):
+        adapter.feed([puma_line(2, 1.0)])
+        assert [f.sequence for f in frames_of(pump_and_read(adapter, second))] == [0]
+
+
 class DyingBus:
     """A bus of python-can that fails right behind two frames."""
 
