@@ -6,70 +6,27 @@ import errno
 import itertools
 import math
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from functools import partial
 
 import pytest
 
 from drivers.errors import DriverError
-from drivers.gyro import STALL_BOUND_S, YawGyro
+from drivers.gyro import YawGyro
 from drivers.gyro_chips import CHIPS
 from drivers.samples import YawRateSample
 from drivers.source import OpenSource, make_source
 from tests.fakes.fake_time import FakeTime
-from tests.fakes.gyro_registers import MODELS, EpsonXv, L3gd20h, RegisterChip
-from tests.fakes.i2c_ioctl import FUNC_SMBUS_BYTE_DATA, FakeI2c
-
-PATH = "/dev/i2c-1"
-FREE_RUNNING = ("l3gd20h", "itg3200", "mpu6050")
-
-
-@dataclass
-class Bench:
-    """One chip on one faked bus, and the driver that talks to it."""
-
-    time: FakeTime
-    i2c: FakeI2c
-    model: RegisterChip
-    gyro: YawGyro
-
-    def samples(self, count: int, timeout_s: float = 0.1) -> list[YawRateSample]:
-        """Read that many samples; every read has to keep the stall bound."""
-        found: list[YawRateSample] = []
-        while len(found) < count:
-            start_ns = self.time()
-            found += self.gyro.read(timeout_s)
-            assert self.time() - start_ns <= (timeout_s + STALL_BOUND_S) * 1e9
-        return found
-
+from tests.fakes.gyro_bench import FREE_RUNNING, Bench, bench_rate_hz, gaps, gyro_bench, truly_lost
+from tests.fakes.gyro_registers import EpsonXv, L3gd20h
+from tests.fakes.i2c_ioctl import FUNC_SMBUS_BYTE_DATA
 
 MakeBench = Callable[..., Bench]
 
 
 @pytest.fixture
 def make_bench(monkeypatch: pytest.MonkeyPatch) -> MakeBench:
-    def make(
-        chip: str, *, rate_hz: float = 200.0, clock_error: float = 0.0, seed: int = 0
-    ) -> Bench:
-        time = FakeTime()
-        i2c = FakeI2c(time, seed=seed)
-        i2c.install(monkeypatch)
-        model = MODELS[chip](time, clock_error=clock_error)
-        i2c.plug(PATH, CHIPS[chip].address, model)
-        gyro = YawGyro(1, chip, rate_hz=rate_hz, clock=time, sleep=time.sleep)
-        return Bench(time, i2c, model, gyro)
-
-    return make
-
-
-def gaps(samples: Sequence[YawRateSample]) -> int:
-    """How many sequence numbers are missing."""
-    return samples[-1].sequence - samples[0].sequence + 1 - len(samples)
-
-
-def truly_lost(samples: Sequence[YawRateSample]) -> int:
-    """How many samples of a free-running model are missing, by its own numbering."""
-    return (samples[-1].raw_counts - samples[0].raw_counts) % 2**15 + 1 - len(samples)
+    return partial(gyro_bench, monkeypatch)
 
 
 @pytest.mark.parametrize("chip", CHIPS)
@@ -142,17 +99,13 @@ def test_a_late_reader_sees_the_gap_in_the_sequence(chip: str, make_bench: MakeB
         before = bench.samples(1)[0]
         bench.time.advance(0.5)
         after = bench.samples(1)[0]
-    periods = (after.t_ns - before.t_ns) * bench_rate(chip) / 1e9
+    periods = (after.t_ns - before.t_ns) * bench_rate_hz(chip) / 1e9
     assert after.sequence - before.sequence == pytest.approx(periods, abs=2)
     if chip in FREE_RUNNING:
         lost = after.sequence - before.sequence - 1
         assert 0 <= (after.raw_counts - before.raw_counts - 1) - lost <= 1
         assert bench.gyro.counters.lost_samples == lost
     assert bench.gyro.counters.overruns == (1 if chip == "l3gd20h" else 0)
-
-
-def bench_rate(chip: str) -> float:
-    return CHIPS[chip].output_rate_hz(200.0)
 
 
 def test_read_returns_nothing_before_the_next_sample(make_bench: MakeBench) -> None:
@@ -164,98 +117,7 @@ def test_read_returns_nothing_before_the_next_sample(make_bench: MakeBench) -> N
         assert bench.time() - start_ns == pytest.approx(0.01e9, rel=0.01)
 
 
-# --- faults -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("chip", CHIPS)
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_storm_of_failing_transfers_costs_no_more_than_it_explains(
-    chip: str, seed: int, make_bench: MakeBench
-) -> None:
-    bench = make_bench(chip, seed=seed)
-    with OpenSource(bench.gyro):
-        bench.i2c.fail_ratio = 0.30
-        samples = bench.samples(3000)
-    failures_ns = bench.i2c.failures_ns
-    assert len(failures_ns) > 0.3 * 3000
-    period_ns = 1e9 / bench_rate(chip)
-    for a, b in itertools.pairwise(samples):
-        missing = b.sequence - a.sequence - 1
-        failures = sum(a.t_ns < t_ns <= b.t_ns for t_ns in failures_ns) if missing else 0
-        # One failed attempt costs its transfer and the pause after it, 0.7 ms at most; giving a
-        # transfer up costs the check of all settings besides, 8 ms.
-        explained_ns = failures * 0.7e6 + (failures // 6) * 8e6
-        assert missing * period_ns <= explained_ns
-    if chip in FREE_RUNNING:
-        assert truly_lost(samples) - gaps(samples) in range(5)
-        assert truly_lost(samples) <= 0.01 * len(samples)
-    assert bench.gyro.counters.set_up_again == 0
-
-
-@pytest.mark.parametrize("chip", CHIPS)
-def test_a_stuck_bus_is_reported_within_the_bound(chip: str, make_bench: MakeBench) -> None:
-    bench = make_bench(chip)
-    with OpenSource(bench.gyro):
-        bench.samples(5)
-        bench.i2c.stuck = True
-        for _ in range(5):
-            start_ns = bench.time()
-            with pytest.raises(DriverError, match=r"gyro: .* on /dev/i2c-1: "):
-                bench.gyro.read(0.1)
-            assert bench.time() - start_ns <= (0.1 + STALL_BOUND_S) * 1e9
-        bench.i2c.stuck = False
-        assert len(bench.samples(5)) == 5
-
-
-@pytest.mark.parametrize("chip", CHIPS)
-def test_unplugging_is_named_and_replugging_is_used_again(chip: str, make_bench: MakeBench) -> None:
-    bench = make_bench(chip)
-    sequence = -1
-    with OpenSource(bench.gyro):
-        for _ in range(100):
-            sequence = check_sequence(bench.samples(3), sequence)
-            chips = bench.i2c.unplug(PATH)
-            with pytest.raises(DriverError, match=r"gyro: .* at 0x6\w on /dev/i2c-1: "):
-                bench.samples(1)
-            bench.model.power_cycle()
-            bench.i2c.adapters[PATH] = chips
-            replugged_ns = bench.time()
-            first = bench.samples(1)
-            assert first[0].t_ns - replugged_ns <= 2e9
-            sequence = check_sequence(first, sequence)
-            assert bench.i2c.open_descriptors == 1
-    assert bench.i2c.open_descriptors == 0
-    assert bench.gyro.counters.set_up_again == 100
-
-
-def check_sequence(samples: Sequence[YawRateSample], last: int) -> int:
-    for sample in samples:
-        assert sample.sequence > last
-        last = sample.sequence
-    return last
-
-
-@pytest.mark.parametrize("chip", CHIPS)
-def test_a_chip_that_lost_its_settings_is_set_up_again(chip: str, make_bench: MakeBench) -> None:
-    bench = make_bench(chip)
-    with OpenSource(bench.gyro):
-        bench.samples(10)
-        bench.model.power_cycle()
-        after = bench.samples(10)
-    assert bench.gyro.counters.set_up_again == 1
-    assert after[-1].rate_rad_s != 0.0
-
-
-def test_a_chip_that_never_has_a_sample_is_an_error(make_bench: MakeBench) -> None:
-    bench = make_bench("mpu6050")
-    with OpenSource(bench.gyro):
-        bench.samples(3)
-        bench.model.halted = True
-        with pytest.raises(DriverError, match="answers but has no new samples"):
-            bench.samples(1)
-        bench.model.halted = False
-        assert bench.samples(3)
-    assert bench.gyro.counters.set_up_again >= 1
+# --- what `open` refuses -------------------------------------------------------------------------
 
 
 def test_another_chip_is_refused(make_bench: MakeBench) -> None:
@@ -277,7 +139,7 @@ def test_a_bus_that_reads_ones_is_no_epson_chip(make_bench: MakeBench) -> None:
 @pytest.mark.parametrize("chip", CHIPS)
 def test_a_setting_that_does_not_hold_is_named(chip: str, make_bench: MakeBench) -> None:
     bench = make_bench(chip)
-    step = next(s for s in CHIPS[chip].set_up(bench_rate(chip)) if s.value and s.check_mask)
+    step = next(s for s in CHIPS[chip].set_up(bench_rate_hz(chip)) if s.value and s.check_mask)
     bench.model.stuck_registers[step.register] = 0x00
     message = rf"register 0x{step.register:02x}: wrote 0x{step.value:02x}, read 0x00"
     with pytest.raises(DriverError, match=message):

@@ -1,4 +1,4 @@
-"""The wheel driver over python-can: slcan on a pseudo-terminal, and the in-process bus."""
+"""The wheel driver over python-can and slcan on a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 
 from drivers.errors import DriverError
 from drivers.samples import CanFrameSample, WheelTwistSample
-from drivers.source import OpenSource, make_source
+from drivers.source import OpenSource
 from drivers.wheels import Wheels
 from tests.fakes.fake_time import FakeTime
 from tests.fakes.slcan_pty import SlcanPty, frame_line
@@ -222,93 +222,3 @@ def test_a_missing_library_names_the_extra(library: str, monkeypatch: pytest.Mon
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(DriverError, match=r"pip install 'terravibe\[wheels\]'"):
         Wheels("x", interface="virtual").open()
-
-
-# --- in-process bus -----------------------------------------------------------------------------
-
-
-class VirtualVehicle:
-    """The other end of python-can's in-process bus."""
-
-    def __init__(self, wheels_settings: dict[str, object] | None = None) -> None:
-        self.time = FakeTime()
-        self.bus = can.Bus(interface="virtual", channel="vehicle", ignore_config=True)
-        source = make_source(
-            "wheels",
-            interface="virtual",
-            channel="vehicle",
-            clock=self.time,
-            sleep=self.time.sleep,
-            **(wheels_settings or {}),
-        )
-        assert isinstance(source, Wheels)
-        self.wheels = source
-
-    def send(self, arbitration_id: int, data: bytes, *, extended: bool = True) -> None:
-        self.bus.send(
-            can.Message(arbitration_id=arbitration_id, data=data, is_extended_id=extended)
-        )
-
-    def send_speed(self, device: int, shaft_rpm: float) -> None:
-        self.send(PUMA_SPEED | device, struct.pack("<i", round(shaft_rpm * 65536)))
-
-
-@pytest.fixture
-def vehicle() -> Iterator[VirtualVehicle]:
-    fake = VirtualVehicle()
-    fake.wheels.open()
-    yield fake
-    fake.wheels.close()
-    fake.bus.shutdown()
-
-
-def test_error_frames_are_kept_and_counted(vehicle: VirtualVehicle) -> None:
-    vehicle.bus.send(can.Message(arbitration_id=0x04, data=bytes(8), is_error_frame=True))
-    (frame,) = frames_of(vehicle.wheels.read(0.0))
-    assert frame.is_error
-    assert vehicle.wheels.bus_counters.error_frames == 1
-
-
-def test_bus_off_is_an_error_after_the_frames_before_it(vehicle: VirtualVehicle) -> None:
-    vehicle.send_speed(2, 1.0)
-    vehicle.bus.send(can.Message(arbitration_id=0x40, data=bytes(8), is_error_frame=True))
-    assert [f.is_error for f in frames_of(vehicle.wheels.read(0.0))] == [False, True]
-    with pytest.raises(DriverError, match="wheels: virtual:vehicle: bus-off"):
-        vehicle.wheels.read(0.0)
-    vehicle.send_speed(2, 1.0)
-    assert len(vehicle.wheels.read(0.0)) == 1
-
-
-def test_silence_is_an_error_and_frames_end_it(vehicle: VirtualVehicle) -> None:
-    assert vehicle.wheels.read(0.0) == []
-    vehicle.time.advance(1.1)
-    with pytest.raises(DriverError, match=r"for 1 s no CAN frame; is the vehicle on"):
-        vehicle.wheels.read(0.0)
-    assert vehicle.wheels.read(0.0) == []
-    vehicle.send_speed(2, 1.0)
-    assert len(vehicle.wheels.read(0.0)) == 1
-
-
-def test_a_silent_wheel_is_named(vehicle: VirtualVehicle) -> None:
-    def drive_on_three_wheels() -> None:
-        for _ in range(12):
-            vehicle.time.advance(0.1)
-            for device in (2, 3, 5):
-                vehicle.send_speed(device, 1.0)
-            assert not twists_of(vehicle.wheels.read(0.0))
-
-    with pytest.raises(
-        DriverError, match=r"CAN frames but no twist; nothing from PumaSpeed4\.Speed"
-    ):
-        drive_on_three_wheels()
-
-
-def test_remote_frames_are_kept(vehicle: VirtualVehicle) -> None:
-    vehicle.bus.send(can.Message(arbitration_id=0x221, is_remote_frame=True, is_extended_id=False))
-    (frame,) = frames_of(vehicle.wheels.read(0.0))
-    assert (frame.is_remote, frame.is_extended, frame.data) == (True, False, b"")
-
-
-def test_reading_a_closed_bus_is_an_error() -> None:
-    with pytest.raises(DriverError, match="wheels: not open"):
-        Wheels("x", interface="virtual").read(0.0)
