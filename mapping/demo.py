@@ -13,13 +13,14 @@ from acquisition.files import replacing
 from acquisition.frames import camera_is_tracked_body
 from acquisition.stream_reader import StreamMessage
 from drivers.source import Source
+from mapping.errors import MappingError
 from mapping.evaluation import Scores
 from mapping.figures import write_figures
 from mapping.live import record_and_map
 from mapping.map_file import write_map
 from mapping.map_summary import RunSummary, summarise_run
 from mapping.report import write_report
-from mapping.session import MapOptions
+from mapping.session import MapOptions, MapResult
 from mapping.settings import MapSettings
 from mapping.truth import Truth, evaluate_truth, write_truth
 
@@ -112,9 +113,7 @@ def _report(
 ) -> None:
     """Draw the figures and write the report around them."""
     figures = write_figures(mapped.map, folder / "figures", truth.truth_at(mapped.map).height_m)
-    facts: dict[str, object] = {
-        name.replace("_", " "): value for name, value in summary.counts.items()
-    }
+    facts = {name.replace("_", " "): str(value) for name, value in summary.counts.items()}
     for number, warning in enumerate(summary.warnings, 1):
         facts[f"warning {number}"] = warning
     write_report(

@@ -130,7 +130,7 @@ def test_flipped_byte_is_reported_and_never_mapped_silently(
         (["export", "{recording}", "-o", "{tmp}/x.tif"], "NetCDF"),
         (["evaluate", "{tmp}/none.nc", "--floor-height-m", "0"], "none.nc"),
         (["import", "tum", "{tmp}", "--intrinsics", "1,1,1,1", "-o", "{tmp}/y.mcap"], "depth.txt"),
-        (["demo", "--seconds", "0"], "seconds"),
+        (["demo", "--seconds", "0"], "0.2 to 3600 s"),
         (["demo", "--seed", "-1"], "seed"),
     ],
 )
