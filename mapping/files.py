@@ -17,7 +17,7 @@ def write_whole(path: Path, content: bytes) -> None:
     Raises:
         MappingError: the folder is missing or not writable, `path` is a folder, the disk is full.
     """
-    temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.part{path.suffix}")
+    temporary = path.parent / f".{path.stem}.{secrets.token_hex(4)}.part{path.suffix}"
     try:
         with temporary.open("wb") as file:
             file.write(content)

@@ -32,11 +32,14 @@ _CAPTIONS = {
     "error": "Map minus truth: what is left should look like noise, not like terrain.",
     "consistency": "Errors in units of their own sigma: an honest map follows the curve.",
 }
+# Endings of names, the longer ones before those that they end in.
 _UNITS = {
-    "_m": "m",
+    "_m_sqrt_m": "m √m",
+    "_per_m": "1/m",
     "_m2": "m²",
-    "_s": "s",
+    "_m": "m",
     "_ns": "ns",
+    "_s": "s",
     "_rad": "rad",
     "_deg": "deg",
     "_mb": "MB",
@@ -155,9 +158,8 @@ def _picture(path: Path) -> _Picture:
 
 def _with_unit(name: str, value: str | float) -> tuple[str, str]:
     """Return the name in words, and the value with the unit that the name ends in."""
-    stem, _, suffix = name.rpartition("_")
-    unit = _UNITS.get(f"_{suffix}") if stem and not isinstance(value, str) else None
+    ending = next((end for end in _UNITS if name.endswith(end)), None)
+    if ending is None or isinstance(value, str):
+        return name.replace("_", " "), str(value)
     number = f"{value:g}" if isinstance(value, float) else str(value)
-    if unit is None:
-        return name.replace("_", " "), number
-    return stem.replace("_", " "), f"{number} {unit}"
+    return name.removesuffix(ending).replace("_", " "), f"{number} {_UNITS[ending]}"

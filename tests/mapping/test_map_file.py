@@ -161,6 +161,8 @@ def test_a_map_is_not_written_into_a_missing_folder_or_over_a_folder(tmp_path: P
         write_map(hilly_map(), tmp_path / "no" / "map.nc")
     with pytest.raises(MappingError, match="Is a directory"):
         write_map(hilly_map(), tmp_path)
+    with pytest.raises(MappingError, match="cannot write"):
+        write_map(hilly_map(), Path())
     assert not list(tmp_path.iterdir())
 
 

@@ -72,7 +72,9 @@ def test_the_report_is_one_file_that_asks_nobody(tmp_path: Path, picture: Path) 
 
 
 def test_settings_stand_with_their_units(tmp_path: Path) -> None:
-    write_report(tmp_path / "r.html", "t", hilly_map(), [], None, {})
+    map_ = hilly_map()
+    map_ = replace(map_, attributes={**map_.attributes, "quantum_per_m": 0.003, "input_m": "a"})
+    write_report(tmp_path / "r.html", "t", map_, [], None, {})
     facts = dict(
         re.findall(r'<th scope="row">(.*?)</th><td>(.*?)</td>', (tmp_path / "r.html").read_text())
     )
@@ -80,6 +82,8 @@ def test_settings_stand_with_their_units(tmp_path: Path) -> None:
     assert facts["memory limit"] == "4096 MB"
     assert facts["gate"] == "3.5 sigma"
     assert facts["mount sigma"] in ("0 m", "0 rad")
+    assert facts["quantum"] == "0.003 1/m"
+    assert facts["input m"] == "a"
     assert facts["noise model"] == "nguyen2012"
     assert facts["confirmations"] == "3"
     assert facts["confirmed frames"] == "2"
