@@ -96,6 +96,7 @@ class OpenSource:
 SOURCES: Mapping[str, str] = {
     "tum": "drivers.depth_files:TumFolder",
     "png": "drivers.depth_files:MillimetrePngFolder",
+    "vibration": "drivers.vibration:VibrationSensor",
 }
 
 
