@@ -8,6 +8,7 @@ which. Arrays are read-only, so that a sample can be handed to several threads.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,6 +172,45 @@ class WheelTwistSample:
     sequence: int
 
 
+VibrationQuantity = Literal["displacement", "velocity", "acceleration"]
+VibrationStatistic = Literal["peak", "peak-to-peak", "rms", "instantaneous"]
+
+
+@dataclass(frozen=True, slots=True)
+class VibrationSample:
+    """Amplitude and frequency of the vibration along three axes, as the device measured them.
+
+    A device that sends several quantities gives the one that its profile names as the amplitude.
+
+    Attributes:
+        t_ns: time of the sample.
+        amplitude: (3,) in the sensor's axes: m, m/s or m/s^2 according to `quantity`; NaN where
+            the device sent its code for "no value". Not negative, unless instantaneous.
+        frequency_hz: (3,) dominant frequency of each axis, Hz; NaN where there is none.
+        quantity: what the amplitude is an amplitude of.
+        statistic: which amplitude of the oscillation it is; "instantaneous" is the signed wave
+            itself, as some devices send it at a high rate and without a frequency.
+        temperature_c: temperature of the device, degrees Celsius; None where it sends none.
+        sequence: counter of the source, starting at 0.
+        device_ticks: the device's own clock, unwrapped by nobody; None where it sends none.
+    """
+
+    t_ns: int
+    amplitude: Float64Array
+    frequency_hz: Float64Array
+    quantity: VibrationQuantity
+    statistic: VibrationStatistic
+    temperature_c: float | None
+    sequence: int
+    device_ticks: int | None = None
+
+
 Sample = (
-    DepthFrame | PoseSample | AccelerationSample | YawRateSample | CanFrameSample | WheelTwistSample
+    DepthFrame
+    | PoseSample
+    | AccelerationSample
+    | VibrationSample
+    | YawRateSample
+    | CanFrameSample
+    | WheelTwistSample
 )

@@ -100,6 +100,7 @@ SOURCES: Mapping[str, str] = {
     "gyro": "drivers.gyro:YawGyro",
     "wheels": "drivers.wheels:Wheels",
     "mocap": "drivers.mocap:MotionCapture",
+    "vibration": "drivers.vibration:VibrationSensor",
 }
 
 

@@ -27,6 +27,7 @@ NOT_THERE: Mapping[str, Callable[[Path], dict[str, object]]] = {
         "intrinsics_px": (500.0, 500.0, 320.0, 240.0),
         "rate_hz": 30.0,
     },
+    "vibration": lambda nowhere: {"port": str(nowhere)},
     "openni": lambda nowhere: {"file": nowhere / "missing.oni"},
 }
 
@@ -34,6 +35,9 @@ NOT_THERE: Mapping[str, Callable[[Path], dict[str, object]]] = {
 UNITS = ("ns", "m", "mm", "px", "s", "hz", "rad", "rad_s", "m_s", "m_s2", "c", "counts", "ticks")
 UNITLESS = {
     "sequence": "a counter",
+    "amplitude": "m, m/s or m/s^2 as its quantity says",
+    "quantity": "a word",
+    "statistic": "a word",
     "quat_wxyz": "a unit quaternion, whose order is the name's end",
     "covariance": "mixed units, stated in the docstring",
     "camera": "a record whose own fields have units",
