@@ -29,6 +29,7 @@ class _Command(NamedTuple):
 
 _COMMANDS = {
     "demo": _Command("simulate a drive, record it, map it live, compare with the truth", "cli"),
+    "devices": _Command("say what is plugged in and usable", "acquisition.device_commands"),
     "import": _Command("turn a folder of depth images into a recording", "acquisition.commands"),
     "info": _Command("say what a recording or a map holds", "mapping.commands"),
     "check": _Command("look for damage and gaps in a recording", "acquisition.commands"),

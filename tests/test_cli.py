@@ -115,6 +115,22 @@ def test_flipped_byte_is_reported_and_never_mapped_silently(
     assert cli.main(["check", str(damaged)]) == CHECK_FAILED
 
 
+def test_devices_lists_and_checks_profiles(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["devices", "--json"]) == OK
+    assert isinstance(json.loads(capsys.readouterr().out)["devices"], list)
+    assert cli.main(["devices", "check-profile", "wtvb01-485"]) == OK
+    profile = tmp_path / "mine.toml"
+    profile.write_text("[profile]\nname = 3\n")
+    capsys.readouterr()
+    assert cli.main(["devices", "check-profile", str(profile)]) == CHECK_FAILED
+    assert f"{profile}:2: found" in capsys.readouterr().out
+    assert cli.main(["devices", "check-profile", str(tmp_path / "none.toml")]) == _UNUSABLE
+    assert cli.main(["devices", "udev-rules"]) == OK
+    assert Path(capsys.readouterr().out.strip()).is_file()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
