@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from drivers.samples import CameraIntrinsics
-from mapping import measurement_kernels, update_kernels
+from mapping import layer_kernels, measurement_kernels, update_kernels
+from mapping.elevation_map import read_out
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.grid import GrowingGrid
+from mapping.layers import derive
 from mapping.measurement import FrameReducer, View
 from mapping.noise import NGUYEN_2012
 from mapping.settings import MapSettings
@@ -18,6 +20,9 @@ _ENTRY_POINTS = (
     measurement_kernels.ranges_from_millimetres,
     measurement_kernels.accumulate,
     update_kernels.fuse,
+    layer_kernels.plane_layers,
+    layer_kernels.step_heights,
+    layer_kernels.supported_steps,
 )
 
 
@@ -48,3 +53,4 @@ def compile_kernels() -> None:
     sums, _ = reducer.reduce(view, window)
     constants = reducer.frame_constants(view, window, grid.position(window))
     update_kernels.fuse(sums, constants, update_kernels.fusion_constants(settings), grid.layers)
+    derive(read_out(grid, settings, {}))
