@@ -161,7 +161,9 @@ def _planes(map_: ElevationMap, confirmed: BoolArray, settings: LayerSettings) -
         use=confirmed,
         height_m=map_.elevation_m,
         noise_m2=map_.independent_m2 + map_.relief_m2,
-        middle_m=float(np.mean(map_.elevation_m, where=confirmed)) if confirmed.any() else 0.0,
+        middle_m=float(map_.elevation_m[confirmed].mean(dtype=np.float64))
+        if confirmed.any()
+        else 0.0,
         edge_m=map_.resolution_m,
     )
     plane_layers(cells, half, _cells_min(half, settings.support_share, _PLANE_CELLS_MIN), out)
