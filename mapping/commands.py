@@ -9,6 +9,7 @@ import argparse
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from math import inf, radians
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -65,6 +66,7 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     add("--gate-sigma", type=float, metavar="N", help="reject beyond N sigma (3.5)")
     add("--common-correlation-time-s", type=float, metavar="S", help="of pose errors (0.3)")
     add("--pose-gap-max-s", type=float, metavar="S", help="longest pose interpolation (0.2)")
+    add("--fill-gaps-up-to-m", type=float, metavar="M", help="fill gaps up to this long (none)")
     add("--figures", type=Path, metavar="DIR", help="also draw the figures")
     add("--json", action="store_true", help="print the result as JSON")
 
@@ -73,17 +75,23 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
     """Turn a recording into an elevation map; 1 when parts of it were damaged."""
     from acquisition.files import check_target
     from acquisition.stream_reader import StreamReader
+    from mapping.fill import fill_gaps, gap_cells
     from mapping.map_file import write_map
     from mapping.map_summary import summarise_run
     from mapping.session import map_stream
 
     map_options = _map_options(options)
+    gap_m = options.fill_gaps_up_to_m
+    if gap_m is not None:
+        gap_cells(gap_m, map_options.settings.resolution_m)  # refuse it before the long work
     check_target(options.output)
     with _byte_source(options) as source:
         prepare_kernels(console)
         reader = StreamReader(source, reorder_window_ns=round(options.reorder_window_s * 1e9))
         with console.progress(f"mapping {options.recording}") as reached:
             result = map_stream(reader, map_options, frame_counter(reached))
+    if gap_m is not None:
+        result = replace(result, map=fill_gaps(result.map, gap_m))
     write_map(result.map, options.output)
     if options.figures:
         _draw(result.map, options.figures, console)

@@ -26,6 +26,7 @@ class CellState(IntEnum):
     UNCONFIRMED = 1  # seen in too few frames or pixels: may be a flying pixel
     MEASURED = 2  # confirmed, and known better than MapSettings.uncertain_sigma_m
     UNCERTAIN = 3  # confirmed, but known no better than that
+    FILLED = 4  # never seen: a guess between the rims of a gap, see mapping.fill
 
 
 @dataclass(frozen=True, slots=True)

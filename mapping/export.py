@@ -97,8 +97,8 @@ def geotiff(map_: ElevationMap) -> bytes:
 def ply(map_: ElevationMap) -> bytes:
     """Return a binary little-endian PLY mesh in metres.
 
-    Every known cell is a vertex with x, y, z, sigma and state. Triangles join confirmed
-    neighbours only, counter-clockwise seen from above: unconfirmed cells may be flying pixels.
+    Every known cell is a vertex with x, y, z, sigma and state. Triangles join confirmed and filled
+    neighbours, counter-clockwise seen from above; not unconfirmed ones: those may be flying pixels.
     """
     rows, columns = np.nonzero(map_.known)
     vertices = np.zeros(rows.size, _VERTEX)
@@ -129,7 +129,7 @@ _TRIANGLE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 def _triangles(map_: ElevationMap) -> NDArray[np.int64]:
     """Return vertex numbers (n, 3): two triangles per square, one where a corner is missing."""
     number = np.cumsum(map_.known).reshape(map_.state.shape) - 1
-    number[~np.isin(map_.state, CONFIRMED)] = -1
+    number[~np.isin(map_.state, (*CONFIRMED, CellState.FILLED))] = -1
     # Corners of every square, counter-clockwise from the smallest x and y.
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
     cut_bd = (a < 0) | (c < 0)  # the diagonal a-c is not there: cut along b-d

@@ -12,6 +12,8 @@ from mapping.layers import derive
 
 _BREADTH_IN = 5.0
 _COLOUR_BAR_IN = 1.6
+# Maps this many times wider than high have their panels above each other.
+_WIDE = 1.5
 
 
 def layers_figure(map_: ElevationMap) -> Figure:
@@ -21,12 +23,12 @@ def layers_figure(map_: ElevationMap) -> Figure:
     rows, columns = map_.state.shape
     scale = _BREADTH_IN / max(rows, columns)
     width, height = max(scale * columns, 2.0) + _COLOUR_BAR_IN, max(scale * rows, 2.0) + 0.8
-    wide = columns > rows
+    wide = columns > _WIDE * rows
     figure = Figure(
         figsize=(width, 2.0 * height) if wide else (2.0 * width, height), layout="constrained"
     )
     first, second = figure.subplots(2, 1) if wide else figure.subplots(1, 2)
-    label_plan(first, "Slope\n(grey: unknown, unconfirmed, too few neighbours)")
+    label_plan(first, "Slope\n(grey: not confirmed, or too few neighbours are)")
     steepest = Normalize(0.0, max(central_range(slope_deg)[1], 1.0))
     draw(first, map_, slope_deg, "viridis", steepest, "slope [deg]", extend="max")
     label_plan(second, "Traversability\n(worst of slope, roughness and step; 0 = beyond a limit)")
@@ -34,7 +36,7 @@ def layers_figure(map_: ElevationMap) -> Figure:
         second,
         map_,
         layers.traversability,
-        "cividis",
+        "viridis",
         Normalize(0.0, 1.0),
         "traversability",
         extend="neither",

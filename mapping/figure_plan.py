@@ -21,6 +21,7 @@ _STATE_COLOURS = {
     CellState.UNCONFIRMED: "#D55E00",
     CellState.MEASURED: "#0072B2",
     CellState.UNCERTAIN: "#F0E442",
+    CellState.FILLED: "#CC79A7",
 }
 _SIGMA_TICKS_MM = np.array([0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])
 # Colours span this share of the values, so that one flying pixel does not flatten the rest.
@@ -33,7 +34,7 @@ def height_figure(map_: ElevationMap, section: Section | None = None) -> Figure:
     """Show the heights of confirmed cells, and where a profile runs."""
     heights = confirmed(map_, map_.elevation_m)
     low, high = central_range(heights)
-    figure, axes = plan(map_, "Height of the terrain\n(grey: unknown or unconfirmed)")
+    figure, axes = plan(map_, "Height of the terrain\n(grey: not confirmed)")
     draw(axes, map_, heights, "cividis", Normalize(low, high), "height z [m]")
     if section is not None:
         x_m, y_m = zip(section.start_m, section.end_m, strict=True)
@@ -51,7 +52,7 @@ def sigma_figure(map_: ElevationMap) -> Figure:
     first = int(np.clip(np.searchsorted(_SIGMA_TICKS_MM, low, "right") - 1, 0, 11))
     last = int(np.clip(np.searchsorted(_SIGMA_TICKS_MM, high), first + 1, 12))
     ticks = _SIGMA_TICKS_MM[first : last + 1]
-    figure, axes = plan(map_, "Standard deviation of the height\n(grey: unknown or unconfirmed)")
+    figure, axes = plan(map_, "Standard deviation of the height\n(grey: not confirmed)")
     bar = draw(axes, map_, sigma_mm, "viridis", LogNorm(ticks[0], ticks[-1]), "sigma [mm]")
     bar.set_ticks(list(ticks), labels=[f"{tick:g}" for tick in ticks])
     bar.ax.minorticks_off()

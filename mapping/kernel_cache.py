@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from drivers.samples import CameraIntrinsics
-from mapping import layer_kernels, measurement_kernels, update_kernels
+from mapping import fill_kernels, layer_kernels, measurement_kernels, update_kernels
 from mapping.elevation_map import read_out
+from mapping.fill import fill_gaps
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.grid import GrowingGrid
 from mapping.layers import derive
@@ -23,6 +24,8 @@ _ENTRY_POINTS = (
     layer_kernels.plane_layers,
     layer_kernels.step_heights,
     layer_kernels.supported_steps,
+    fill_kernels.measure_errors,
+    fill_kernels.bridge,
 )
 
 
@@ -53,4 +56,6 @@ def compile_kernels() -> None:
     sums, _ = reducer.reduce(view, window)
     constants = reducer.frame_constants(view, window, grid.position(window))
     update_kernels.fuse(sums, constants, update_kernels.fusion_constants(settings), grid.layers)
-    derive(read_out(grid, settings, {}))
+    map_ = read_out(grid, settings, {})
+    derive(map_)
+    fill_gaps(map_, settings.resolution_m)

@@ -14,6 +14,8 @@ from PIL import Image
 
 import cli
 from acquisition.console import CHECK_FAILED, OK
+from mapping.fill import fill_gaps
+from mapping.map_file import read_map
 
 _ROOT = Path(__file__).resolve().parents[1]
 _UNUSABLE = 2
@@ -94,6 +96,15 @@ def test_same_bits_from_file_pipe_and_second_run(
     assert checksum(piped.stdout.decode()) == from_file
 
 
+def test_gaps_are_filled_only_when_asked_for(recording: Path, tmp_path: Path) -> None:
+    assert run_map(recording, tmp_path / "open.nc") == OK
+    assert run_map(recording, tmp_path / "filled.nc", "--fill-gaps-up-to-m", "0.12") == OK
+    as_measured, filled = (read_map(tmp_path / f"{name}.nc") for name in ("open", "filled"))
+    assert "gaps_filled_up_to_m" not in as_measured.attributes
+    assert filled.attributes["gaps_filled_up_to_m"] == 0.12
+    assert fill_gaps(as_measured, 0.12).sha256() == filled.sha256()
+
+
 def test_truncated_recording_is_mapped_with_a_warning(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -142,6 +153,7 @@ def test_devices_lists_and_checks_profiles(
         (["map", "{recording}", "-o", "{tmp}/x.nc", "--range-min-m", "5"], "range_min_m"),
         (["map", "{recording}", "-o", "{tmp}/x.nc", "--reorder-window-s", "-1"], "reorder"),
         (["map", "{recording}", "-o", "{tmp}/x.nc", "--mount-sigma-m", "-1"], "mount_sigma_m"),
+        (["map", "{recording}", "-o", "{tmp}/x.nc", "--fill-gaps-up-to-m", "9"], "64 cells"),
         (["export", "{recording}"], "nothing to do"),
         (["export", "{recording}", "-o", "{tmp}/x.tif"], "NetCDF"),
         (["evaluate", "{tmp}/none.nc", "--floor-height-m", "0"], "none.nc"),

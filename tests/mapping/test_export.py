@@ -115,6 +115,13 @@ def test_an_unconfirmed_cell_is_a_vertex_without_triangles(tmp_path: Path) -> No
     assert len(faces) == 3
 
 
+def test_a_filled_cell_closes_the_mesh_and_says_so(tmp_path: Path) -> None:
+    export(make_map(np.zeros((2, 2)), state=[[2, 2], [2, CellState.FILLED]]), tmp_path / "map.ply")
+    _, vertices, faces = _read_ply(tmp_path / "map.ply")
+    assert vertices["state"].tolist() == [2, 2, 2, CellState.FILLED]
+    assert len(faces) == 2
+
+
 def test_heights_can_be_recovered_from_the_png(tmp_path: Path) -> None:
     map_ = hilly_map()
     export(map_, tmp_path / "map.png")

@@ -82,7 +82,8 @@ def test_states_are_counted() -> None:
     bar = state_figure(make_map([[0.0, np.nan, 0.0]])).axes[1]
     labels = [text.get_text() for text in bar.get_yticklabels()]
     assert labels == [
-        *("unknown\n1 cells", "unconfirmed\n0 cells", "measured\n2 cells", "uncertain\n0 cells")
+        *("unknown\n1 cells", "unconfirmed\n0 cells", "measured\n2 cells"),
+        *("uncertain\n0 cells", "filled\n0 cells"),
     ]
 
 
