@@ -14,9 +14,10 @@ Float64Array = NDArray[np.float64]
 # Steps along the ground are no longer than this, far below the width of any bump, so that a ray
 # cannot pass through one; on the way down to the ground a slope of 0.5 is allowed for.
 _MAX_RUN_M = 0.10
-_MIN_STEP = 1e-4
+_MIN_STEP = 2e-3
 _SLOPE_AHEAD = 0.5
-_BISECTIONS = 20
+_EXACT_M = 1e-9
+_MOST_REFINEMENTS = 60
 _SLOPE_HALF_BASE_M = 1e-4
 
 
@@ -34,36 +35,63 @@ def _distance(
     longest = _MAX_RUN_M / max(run, 1e-9)
     closing = max(_SLOPE_AHEAD * run - dz, 1e-3)
     before = 0.0
+    before_m = 0.0
     s = 0.0
-    while s <= z_max:
-        ground = height_at(bumps, waves, origin[0] + s * dx, origin[1] + s * dy)
-        clearance = origin[2] + s * dz - ground
-        if clearance <= 0.0:
-            return _bisect(bumps, waves, origin, ray, before, s)
+    while before < z_max:
+        clearance_m = _clearance(bumps, waves, origin, ray, s)
+        if clearance_m <= 0.0:
+            return _crossing(bumps, waves, origin, ray, (before, before_m), (s, clearance_m))
         before = s
-        s += min(max(clearance / closing, _MIN_STEP), longest)
+        before_m = clearance_m
+        s = min(s + min(max(clearance_m / closing, _MIN_STEP), longest), z_max)
     return 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _bisect(
+@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def _clearance(
     bumps: Float64Array,
     waves: Float64Array,
     origin: Float64Array,
     ray: tuple[float, float, float],
-    above: float,
-    below: float,
+    s: float,
 ) -> float:
-    """Return the crossing between a parameter above the ground and one below it."""
+    """Return how far the ray is above the ground at parameter s."""
     dx, dy, dz = ray
-    for _ in range(_BISECTIONS):
-        s = 0.5 * (above + below)
-        ground = height_at(bumps, waves, origin[0] + s * dx, origin[1] + s * dy)
-        if origin[2] + s * dz > ground:
-            above = s
+    ground = height_at(bumps, waves, origin[0] + s * dx, origin[1] + s * dy)
+    return float(origin[2] + s * dz - ground)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _crossing(
+    bumps: Float64Array,
+    waves: Float64Array,
+    origin: Float64Array,
+    ray: tuple[float, float, float],
+    above: tuple[float, float],
+    below: tuple[float, float],
+) -> float:
+    """Return where the clearance is 0 between two (parameter, clearance): false position.
+
+    The Illinois rule halves the clearance of an end that stays twice, so that both close in.
+    """
+    a, a_m = above
+    b, b_m = below
+    s = a
+    side = 0
+    for _ in range(_MOST_REFINEMENTS):
+        s = (a * b_m - b * a_m) / (b_m - a_m)
+        s_m = _clearance(bumps, waves, origin, ray, s)
+        if abs(s_m) <= _EXACT_M:
+            break
+        if s_m > 0.0:
+            a, a_m = s, s_m
+            b_m *= 0.5 if side > 0 else 1.0
+            side = 1
         else:
-            below = s
-    return 0.5 * (above + below)
+            b, b_m = s, s_m
+            a_m *= 0.5 if side < 0 else 1.0
+            side = -1
+    return s
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
