@@ -56,14 +56,14 @@ def empty_layers(rows: int, columns: int) -> CellLayers:
     """Return layers of cells that nobody has seen."""
     shape = (rows, columns)
     return CellLayers(
-        elevation_m=np.zeros(shape, np.float32),
+        elevation_m=np.zeros(shape, np.float64),
         variance_m2=np.zeros(shape, np.float32),
         systematic_a_m=np.zeros(shape, np.float32),
         systematic_b_m=np.zeros(shape, np.float32),
         systematic_c_m=np.zeros(shape, np.float32),
         systematic_bias_m=np.zeros(shape, np.float32),
         relief_m2=np.zeros(shape, np.float32),
-        candidate_m=np.zeros(shape, np.float32),
+        candidate_m=np.zeros(shape, np.float64),
         candidate_m2=np.zeros(shape, np.float32),
         candidate_hits=np.zeros(shape, np.uint8),
         frames=np.zeros(shape, np.uint32),
@@ -72,8 +72,11 @@ def empty_layers(rows: int, columns: int) -> CellLayers:
     )
 
 
-# Sum of the item sizes in `empty_layers`.
-BYTES_PER_CELL = 9 * 4 + 1 + 2 * 4 + 8
+BYTES_PER_CELL = sum(layer.itemsize for layer in empty_layers(0, 0))
+
+
+def _megabytes(rows: int, columns: int) -> float:
+    return rows * columns * BYTES_PER_CELL / 1e6
 
 
 class Grid(Protocol):

@@ -165,6 +165,7 @@ class FrameReducer:
             bias_0_m=self._noise.bias_sigma_m,
             bias_2_per_m=self._noise.bias_sigma_quadratic_per_m,
             correlation_area_px=max(self._noise.correlation_area_px / self._decimation**2, 1.0),
+            range_min_m=self._noise.range_min_m,
         )
 
 
