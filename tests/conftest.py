@@ -8,7 +8,12 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import hypothesis
 import pytest
+
+# No deadline: the first example may compile kernels, and CI machines are shared.
+hypothesis.settings.register_profile("terravibe", deadline=None)
+hypothesis.settings.load_profile("terravibe")
 
 _SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -157,7 +157,7 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
 
 
 def test_a_map_is_not_written_into_a_missing_folder_or_over_a_folder(tmp_path: Path) -> None:
-    with pytest.raises(MappingError, match="there is no folder .*; create it first"):
+    with pytest.raises(MappingError, match=r"there is no folder .*; create it first"):
         write_map(hilly_map(), tmp_path / "no" / "map.nc")
     with pytest.raises(MappingError, match="it is a folder"):
         write_map(hilly_map(), tmp_path)
