@@ -44,7 +44,7 @@ from acquisition.motion_messages import (
     encode_transforms,
 )
 from acquisition.ros_fields import MAX_UINT32
-from acquisition.ros_types import typestore
+from acquisition.ros_types import typestore as typestore
 from acquisition.vibration_messages import VIBRATION_TYPE, decode_vibration, encode_vibration
 from acquisition.wheel_messages import (
     CAN_TYPE,

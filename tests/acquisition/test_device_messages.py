@@ -15,7 +15,9 @@ from hypothesis.extra import numpy as hnp
 from rosbags.highlevel import AnyReader
 
 from acquisition import messages, vibration_messages
+from acquisition.companions import Companion, Companions
 from acquisition.errors import StreamError
+from acquisition.frames import StaticTransforms
 from acquisition.replay import Replay
 from acquisition.ros_types import ros_class
 from drivers.errors import EndOfSource
@@ -39,6 +41,7 @@ from tests.fakes.device_samples import (
     with_ticks,
     yaw_rate,
 )
+from tests.fakes.foreign import foreign
 from tests.fakes.recordings import START_NS, reader_of, same
 
 times_ns = st.integers(0, 2**31 * 10**9 - 1)
@@ -160,6 +163,20 @@ def test_a_companion_finds_its_sample_from_far_behind() -> None:
     assert all(same(m.sample, s) for m, s in zip(found, content, strict=True))
 
 
+def test_a_companion_may_come_after_its_sample() -> None:
+    content = [(m.topic, m.cdr, START_NS) for m in reversed(messages.encode(yaw_rate(0)))]
+    (found,) = reader_of(foreign(content))
+    assert same(found.sample, yaw_rate(0))
+
+
+def test_companions_without_a_sample_do_not_pile_up() -> None:
+    companions = Companions()
+    for t_ns in range(70_000):
+        companions.add(Companion(t_ns, YawRateSample, {"raw_counts": t_ns}))
+    assert companions.take(YawRateSample, 0) == {}
+    assert companions.take(YawRateSample, 69_999) == {"raw_counts": 69_999}
+
+
 def test_what_has_nothing_to_say_is_not_written() -> None:
     silent = replace(wheel_twist(0), left_m_s=None, right_m_s=None)
     assert [m.topic for m in messages.encode(silent)] == ["/wheels"]
@@ -231,7 +248,8 @@ def decoded_by_rosbags(tmp_path: Path) -> dict[str, Any]:
 
 def test_rosbags_decodes_every_topic(decoded_by_rosbags: dict[str, Any]) -> None:
     found = decoded_by_rosbags
-    assert set(found) == {row.topic for row in messages.MESSAGE_TYPES}
+    rows = messages.types_of([StaticTransforms, *get_args(Sample)])
+    assert set(found) == {row.topic for row in rows}
     shaken = found["/vibration"]
     assert (shaken.header.frame_id, shaken.host_receive_ns) == ("vibration_sensor", START_NS)
     assert (shaken.quantity, shaken.statistic) == (1, 2)

@@ -16,8 +16,7 @@ from acquisition import messages
 from acquisition.depth_messages import CameraInfo, DepthImage
 from acquisition.errors import StreamError
 from acquisition.frames import StaticTransform, StaticTransforms
-from acquisition.messages import MESSAGE_TYPES, MessageType
-from acquisition.ros_types import typestore
+from acquisition.messages import MESSAGE_TYPES, MessageType, typestore
 from drivers.samples import AccelerationSample, CameraIntrinsics, DepthFrame, PoseSample
 from tests.fakes.device_samples import can_frame, vibration, wheel_twist, with_ticks, yaw_rate
 from tests.fakes.recordings import MOUNT, acceleration, depth_frame, pose, same
