@@ -14,6 +14,12 @@ def check_positive(setting: str, value: float) -> None:
         raise DriverError(f"{setting} is {value}; expected a finite number above 0, set it")
 
 
+def check_not_negative(setting: str, value: float) -> None:
+    """Raise DriverError unless the value of that setting is a finite number, zero or more."""
+    if not (math.isfinite(value) and value >= 0):
+        raise DriverError(f"{setting} is {value}; expected a finite number of 0 or more, set it")
+
+
 def check_intrinsics(intrinsics_px: Sequence[float]) -> None:
     """Raise DriverError unless these can be fx, fy, cx, cy of a camera."""
     if len(intrinsics_px) != 4 or not all(map(math.isfinite, intrinsics_px)):

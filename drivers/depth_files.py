@@ -91,8 +91,8 @@ class TumFolder(DepthFolder):
         trajectory = self.folder / "groundtruth.txt"
         if self._with_poses and not trajectory.is_file():
             raise DriverError(
-                f"{trajectory} is not there; expected the camera's poses, restore it or set "
-                "with_poses=False"
+                f"{trajectory} is not there; expected the camera's poses, restore it or "
+                "import without poses (with_poses=False, --no-poses)"
             )
         return Listing(images, trajectory if self._with_poses else None, self._accelerations())
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import secrets
 from pathlib import Path
 
+from acquisition.errors import StreamError
+from acquisition.files import replacing
 from mapping.errors import MappingError
 
 
@@ -17,20 +17,16 @@ def write_whole(path: Path, content: bytes) -> None:
     Raises:
         MappingError: the folder is missing or not writable, `path` is a folder, the disk is full.
     """
-    temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.part{path.suffix}")
     try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
+        with replacing(path) as temporary:
+            temporary.write_bytes(content)
+    except StreamError as error:
+        raise MappingError(str(error)) from error
     except OSError as error:
         raise MappingError(
             f"cannot write {path}: {error.strerror}; give a file in a writable folder with "
             f"{len(content)} bytes to spare"
         ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def read_whole(path: Path) -> bytes:

@@ -3,7 +3,7 @@
 The file is an ordinary NetCDF-4 file followed by 82 bytes that every reader skips: a mark and
 the SHA-256 of all that stands before it. HDF5 does not survive every damaged file (some make it
 loop for ever), so a sealed file is checked first. A file that another program has rewritten has
-no seal any more and is read all the same.
+no seal any more; it is read all the same, and whether its arrays are right is for the caller.
 """
 
 from __future__ import annotations

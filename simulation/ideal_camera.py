@@ -11,14 +11,27 @@ from simulation.terrain import AnalyticTerrain, height_at
 
 Float64Array = NDArray[np.float64]
 
-# Steps along the ground are no longer than this, far below the width of any bump, so that a ray
-# cannot pass through one; on the way down to the ground a slope of 0.5 is allowed for.
-_MAX_RUN_M = 0.10
-_MIN_STEP = 2e-3
+# A ray advances by clearance / closing speed, as if slopes up to 0.5 lay ahead, and by 2 cm over
+# ground at least: far below the width of any bump, so that none is passed through unnoticed by
+# more than a fraction of a millimetre.
 _SLOPE_AHEAD = 0.5
-_EXACT_M = 1e-9
-_MOST_REFINEMENTS = 60
+_MIN_RUN_M = 0.02
+_REFINEMENTS = 40
+_HIT_TOLERANCE_M = 1e-7
 _SLOPE_HALF_BASE_M = 1e-4
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _clearance(
+    bumps: Float64Array,
+    waves: Float64Array,
+    origin: Float64Array,
+    ray: tuple[float, float, float],
+    s: float,
+) -> float:
+    """Return how far above the ground the ray is at parameter s, metres."""
+    ground = height_at(bumps, waves, origin[0] + s * ray[0], origin[1] + s * ray[1])
+    return float(origin[2] + s * ray[2] - ground)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -30,66 +43,47 @@ def _distance(
     z_max: float,
 ) -> float:
     """Return the ray parameter (distance along the optical axis) of the first hit; 0 = none."""
-    dx, dy, dz = ray
-    run = np.sqrt(dx * dx + dy * dy)
-    longest = _MAX_RUN_M / max(run, 1e-9)
-    closing = max(_SLOPE_AHEAD * run - dz, 1e-3)
+    run = np.sqrt(ray[0] * ray[0] + ray[1] * ray[1])
+    shortest = _MIN_RUN_M / max(run, 0.1)
+    closing = max(_SLOPE_AHEAD * run - ray[2], 1e-3)
     before = 0.0
-    before_m = 0.0
-    s = 0.0
-    while before < z_max:
-        clearance_m = _clearance(bumps, waves, origin, ray, s)
-        if clearance_m <= 0.0:
-            return _crossing(bumps, waves, origin, ray, (before, before_m), (s, clearance_m))
+    above = _clearance(bumps, waves, origin, ray, 0.0)
+    while above > 0.0 and before <= z_max:
+        s = before + max(above / closing, shortest)
+        now = _clearance(bumps, waves, origin, ray, s)
+        if now <= 0.0:
+            return _refine(bumps, waves, origin, ray, before, above, s, now)
         before = s
-        before_m = clearance_m
-        s = min(s + min(max(clearance_m / closing, _MIN_STEP), longest), z_max)
+        above = now
     return 0.0
 
 
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def _clearance(
-    bumps: Float64Array,
-    waves: Float64Array,
-    origin: Float64Array,
-    ray: tuple[float, float, float],
-    s: float,
-) -> float:
-    """Return how far the ray is above the ground at parameter s."""
-    dx, dy, dz = ray
-    ground = height_at(bumps, waves, origin[0] + s * dx, origin[1] + s * dy)
-    return float(origin[2] + s * dz - ground)
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def _crossing(
+def _refine(
     bumps: Float64Array,
     waves: Float64Array,
     origin: Float64Array,
     ray: tuple[float, float, float],
-    above: tuple[float, float],
-    below: tuple[float, float],
+    s_above: float,
+    above: float,
+    s_below: float,
+    below: float,
 ) -> float:
-    """Return where the clearance is 0 between two (parameter, clearance): false position.
-
-    The Illinois rule halves the clearance of an end that stays twice, so that both close in.
-    """
-    a, a_m = above
-    b, b_m = below
-    s = a
+    """Return the crossing between two parameters by regula falsi (Illinois form)."""
+    s = s_below
     side = 0
-    for _ in range(_MOST_REFINEMENTS):
-        s = (a * b_m - b * a_m) / (b_m - a_m)
-        s_m = _clearance(bumps, waves, origin, ray, s)
-        if abs(s_m) <= _EXACT_M:
+    for _ in range(_REFINEMENTS):
+        s = (s_above * below - s_below * above) / (below - above)
+        now = _clearance(bumps, waves, origin, ray, s)
+        if abs(now) < _HIT_TOLERANCE_M:
             break
-        if s_m > 0.0:
-            a, a_m = s, s_m
-            b_m *= 0.5 if side > 0 else 1.0
+        if now > 0.0:
+            s_above, above = s, now
+            below = 0.5 * below if side == 1 else below
             side = 1
         else:
-            b, b_m = s, s_m
-            a_m *= 0.5 if side < 0 else 1.0
+            s_below, below = s, now
+            above = 0.5 * above if side == -1 else above
             side = -1
     return s
 
@@ -131,6 +125,7 @@ def _trace(
                 rotation[2, 0] * ray_x[u] + rotation[2, 1] * ray_y[v] + rotation[2, 2],
             )
             s = _distance(bumps, waves, origin, ray, z_max)
+            s = s if s <= z_max else 0.0
             x = origin[0] + s * ray[0]
             y = origin[1] + s * ray[1]
             z[v, u] = s
