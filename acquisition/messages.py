@@ -4,20 +4,19 @@ A further sample type needs one function each way and one row in `MESSAGE_TYPES`
 
 What a ROS message has no room for travels elsewhere: the sequence number is the `sequence` of
 the MCAP message record. `DepthFrame.device_ticks` is not recorded by the messages here and comes
-back as None; it belongs to /clock, together with the host times that give it a meaning.
+back as None; it goes to /clock, together with the host times that give it a meaning.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
-from rosbags.typesys.store import Typestore
 
+from acquisition.clock_messages import CLOCK_TYPE, decode_clock, encode_clock
+from acquisition.clock_sample import ClockSample
 from acquisition.depth_messages import (
     CameraInfo,
     DepthImage,
@@ -36,13 +35,14 @@ from acquisition.motion_messages import (
     encode_pose,
     encode_transforms,
 )
+from acquisition.ros_types import typestore as typestore
 from drivers.samples import AccelerationSample, DepthFrame, PoseSample, Sample
 
 _MAX_SEQUENCE = 2**32 - 1  # the MCAP message record holds a uint32
 
 
-Record = DepthImage | CameraInfo | PoseSample | AccelerationSample | StaticTransforms
-Recordable = Sample | StaticTransforms
+Record = DepthImage | CameraInfo | PoseSample | AccelerationSample | StaticTransforms | ClockSample
+Recordable = Sample | StaticTransforms | ClockSample
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +70,6 @@ class EncodedMessage:
 
     topic: str
     cdr: bytes
-
-
-@cache
-def typestore() -> Typestore:
-    """Return the ROS 2 types that the stream uses."""
-    return get_typestore(Stores.ROS2_HUMBLE)
 
 
 def schema_text(ros_type: str) -> str:
@@ -119,7 +113,7 @@ def decode(row: MessageType, cdr: bytes, *, log_time_ns: int, sequence: int) -> 
         raise StreamError(f"bad message on {row.topic} at {log_time_ns} ns: {reason}") from error
 
 
-def checked_sequence(sample: Sample) -> int:
+def checked_sequence(sample: Sample | ClockSample) -> int:
     """Return the sample's sequence number.
 
     Raises:
@@ -163,6 +157,7 @@ MESSAGE_TYPES: tuple[MessageType, ...] = (
         encode_acceleration,
         decode_acceleration,
     ),
+    MessageType("/clock", CLOCK_TYPE, ClockSample, encode_clock, decode_clock),
 )
 
 _BY_TOPIC_AND_TYPE = {(row.topic, row.ros_type): row for row in MESSAGE_TYPES}

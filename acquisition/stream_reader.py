@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from acquisition import messages
 from acquisition.byte_source import ByteSource
+from acquisition.clock_sample import ClockSample
 from acquisition.container import Container, RecordedMessage
 from acquisition.depth_messages import CameraInfo, DepthImage
 from acquisition.depth_pairing import DepthPairing
@@ -35,7 +36,7 @@ class StreamMessage:
 
     log_time_ns: int
     topic: str
-    sample: Sample | StaticTransforms
+    sample: Sample | StaticTransforms | ClockSample
     sequence: int
 
 
@@ -45,7 +46,7 @@ class _Waiting:
 
     log_time_ns: int
     topic: str
-    content: DepthImage | PoseSample | AccelerationSample
+    content: DepthImage | PoseSample | AccelerationSample | ClockSample
     sequence: int
 
 

@@ -18,7 +18,7 @@ from acquisition.errors import StreamError
 from acquisition.frames import StaticTransform, StaticTransforms
 from acquisition.messages import MESSAGE_TYPES, MessageType, typestore
 from drivers.samples import AccelerationSample, CameraIntrinsics, DepthFrame, PoseSample
-from tests.fakes.recordings import MOUNT, acceleration, depth_frame, pose, same
+from tests.fakes.recordings import MOUNT, acceleration, clock_sample, depth_frame, pose, same
 
 T_NS = 1_234_567_890_123_456_789
 EXAMPLES: dict[str, messages.Recordable] = {
@@ -27,6 +27,7 @@ EXAMPLES: dict[str, messages.Recordable] = {
     "/depth/image": depth_frame(5, T_NS),
     "/mocap/pose": pose(5, T_NS),
     "/acceleration": acceleration(5, T_NS),
+    "/clock": clock_sample(5, T_NS),
 }
 times_ns = st.integers(0, 2**31 * 10**9 - 1)
 sequences = st.integers(0, 2**32 - 1)
