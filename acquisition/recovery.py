@@ -28,7 +28,7 @@ from mcap.records import Message
 from acquisition import messages
 from acquisition.damaged_file import DamagedFile
 from acquisition.errors import StreamError
-from acquisition.files import replacing
+from acquisition.files import refuse_same_file, replacing
 from acquisition.provenance import software_versions
 from acquisition.record_checks import SoundRecord
 from acquisition.recording_copy import RecordingCopy
@@ -71,16 +71,6 @@ def recover(
                 progress(0.5 + span.end / work_bytes)
             copy.metadata(RECOVERY_METADATA_NAME, _provenance(path, file.size_bytes, found))
         return second.report(path, output)
-
-
-def refuse_same_file(path: Path, output: Path) -> None:
-    """Refuse to write a file over the one that is being read.
-
-    Raises:
-        StreamError: both names lead to the same file.
-    """
-    if path.exists() and output.exists() and path.samefile(output):
-        raise StreamError(f"{output} is the recording that is read; give another name to write to")
 
 
 def _provenance(path: Path, size_bytes: int, found: Salvage) -> dict[str, str]:
