@@ -18,10 +18,14 @@ from mcap.opcode import Opcode
 
 from acquisition.chunks import Content, open_chunk, parse, parse_chunk, parse_message
 from acquisition.damaged_file import DamagedFile
-from acquisition.framing import HEAD, MAGIC, MAX_RECORD_BYTES
+from acquisition.framing import (
+    FIRST_PRIVATE_OPCODE,
+    HEAD,
+    KNOWN_OPCODES,
+    MAGIC,
+    MAX_RECORD_BYTES,
+)
 
-FIRST_PRIVATE_OPCODE = 0x80
-_KNOWN_OPCODES = frozenset(int(opcode) for opcode in Opcode)
 _BEFORE_COMPRESSION_BYTES = 28  # two times, the size and the checksum of a chunk
 _TIMES = struct.Struct("<QQ")
 _U32 = struct.Struct("<I")
@@ -108,7 +112,7 @@ def read_head(file: DamagedFile, offset: int) -> Head:
         ValueError: no record can start there.
     """
     opcode, length = HEAD.unpack(file.read(offset, HEAD.size))
-    if opcode not in _KNOWN_OPCODES and opcode < FIRST_PRIVATE_OPCODE:
+    if opcode not in KNOWN_OPCODES and opcode < FIRST_PRIVATE_OPCODE:
         raise ValueError(f"no record starts here (opcode 0x{opcode:02x})")
     if length > MAX_RECORD_BYTES:
         raise ValueError(f"record of {length} bytes; at most {MAX_RECORD_BYTES} are accepted")
@@ -129,12 +133,21 @@ def read_record(file: DamagedFile, offset: int) -> SoundRecord:
     try:
         return read_sound(file, read_head(file, offset))
     except ValueError:
-        length = _chunk_length(file, offset)
-        if length is not None:
-            record = read_sound(file, Head(offset, Opcode.CHUNK, length))
-            if record.proven:
-                return replace(record, restored=True)
-        raise
+        record = _headless_chunk(file, offset)
+        if record is None:
+            raise
+        return record
+
+
+def _headless_chunk(file: DamagedFile, offset: int) -> SoundRecord | None:
+    length = _chunk_length(file, offset)
+    if length is None:
+        return None
+    try:
+        record = read_sound(file, Head(offset, Opcode.CHUNK, length))
+    except ValueError:
+        return None
+    return replace(record, restored=True) if record.proven else None
 
 
 def _chunk_length(file: DamagedFile, offset: int) -> int | None:
@@ -265,7 +278,7 @@ def record_follows(file: DamagedFile, offset: int) -> bool:
     if rest < HEAD.size:
         # The closing magic, or a record of which only these few bytes are left.
         left = file.read(offset, rest)
-        return not left or left == MAGIC[: len(left)] or left[0] in _KNOWN_OPCODES
+        return not left or left == MAGIC[: len(left)] or left[0] in KNOWN_OPCODES
     try:
         read_head(file, offset)
     except ValueError:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from mcap.opcode import Opcode
 
 from acquisition.damaged_file import PAGE_BYTES, DamagedFile
-from acquisition.framing import HEAD
+from acquisition.framing import HEAD, KNOWN_OPCODES
 from acquisition.record_checks import (
     Head,
     lengths_agree,
@@ -23,6 +23,7 @@ from acquisition.record_checks import (
 _LOOKS_LIKE_HEAD = re.compile(rb"[\x01-\x0f].{3}[\x00-\x10]\x00{4}", re.DOTALL)
 # So many records, each ending where the next one starts, are no coincidence.
 _CHAIN_RECORDS = 3
+_CHECKED = (Opcode.CHUNK, Opcode.ATTACHMENT)
 
 
 def next_record(file: DamagedFile, damaged_offset: int, listed_offsets: Sequence[int]) -> int:
@@ -94,17 +95,14 @@ def _candidates(file: DamagedFile, offset: int) -> Iterator[int]:
 def _is_record(file: DamagedFile, offset: int, *, unproven: bool) -> bool:
     try:
         head = read_head(file, offset)
-        if head.opcode not in _BELIEVABLE or not lengths_agree(file, head):
+        # A private record has no form that could be checked.
+        if head.opcode not in KNOWN_OPCODES or not lengths_agree(file, head):
             return False
         if head.opcode in _CHECKED and read_sound(file, head).proven:
             return True
         return unproven and _chain(file, head)
     except ValueError:
         return False
-
-
-_CHECKED = (Opcode.CHUNK, Opcode.ATTACHMENT)
-_BELIEVABLE = frozenset(int(opcode) for opcode in Opcode)  # not the private ones: no form to check
 
 
 def _chain(file: DamagedFile, head: Head) -> bool:
