@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from acquisition import ros_fields as fields
 from acquisition.clock_sample import ClockSample
-from acquisition.ros_types import typestore
+from acquisition.ros_types import RosMessage, ros_class
 
 CLOCK_TYPE = "terravibe_msgs/msg/ClockSample"
 _UNSIGNED = ("host_monotonic_ns", "host_raw_ns", "host_real_ns", "device_ticks")
@@ -22,7 +21,7 @@ def encode_clock(sample: ClockSample) -> object:
     _check_range({name: values[name] for name in _SIGNED}, -(2**63), 2**63 - 1)
     if not math.isfinite(sample.skew_ppm):
         raise ValueError(f"skew is not finite: {sample.skew_ppm}")
-    return typestore().types[CLOCK_TYPE](
+    return ros_class(CLOCK_TYPE)(
         header=fields.ros_header(sample.t_ns, sample.source),
         boot_id=sample.boot_id,
         has_device_ticks=ticks is not None,
@@ -38,7 +37,7 @@ def _check_range(values: dict[str, int], least: int, most: int) -> None:
             raise ValueError(f"{name} is {value}; expected {least} to {most}")
 
 
-def decode_clock(message: Any, sequence: int) -> ClockSample:  # noqa: ANN401 - made at run time
+def decode_clock(message: RosMessage, sequence: int) -> ClockSample:
     """Return what a message says."""
     if not math.isfinite(message.skew_ppm):
         raise ValueError(f"skew is not finite: {message.skew_ppm}")

@@ -23,7 +23,7 @@ def replacing(path: Path) -> Iterator[Path]:
         StreamError: the folder is missing or not writable, `path` is a folder, or the file
             system refuses the last step; names the path and the cause.
     """
-    _check_target(path)
+    check_target(path)
     temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.part{path.suffix}")
     try:
         yield temporary
@@ -42,7 +42,12 @@ def refuse_same_file(path: Path, other: Path) -> None:
         raise StreamError(f"{other} and {path} are the same file; give another name")
 
 
-def _check_target(path: Path) -> None:
+def check_target(path: Path) -> None:
+    """Refuse a product that could not be written, before the work for it begins.
+
+    Raises:
+        StreamError: the folder is missing or not writable, or `path` is a folder.
+    """
     folder = path.parent
     if not folder.is_dir():
         raise StreamError(f"cannot write {path}: there is no folder {folder}; create it first")

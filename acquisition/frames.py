@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.samples import Float64Array
+from drivers.samples import Float64Array, frozen_array
 
 # The fixed frame in which poses are given; its z axis points up.
 WORLD_FRAME = "world"
@@ -16,6 +16,12 @@ BASE_FRAME = "base_link"
 DEPTH_OPTICAL_FRAME = "depth_optical_frame"
 # The chip's own axes of the accelerometer.
 ACCELEROMETER_FRAME = "accelerometer"
+# The sensor's own axes of the vibration sensor.
+VIBRATION_FRAME = "vibration_sensor"
+# The gyro, with z along the one axis that it senses, right-handed.
+GYRO_FRAME = "gyro"
+# The middle between the wheels: x forward, z up.
+WHEELS_FRAME = "wheels"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,3 +54,10 @@ class StaticTransforms:
 
     t_ns: int
     transforms: tuple[StaticTransform, ...]
+
+
+def camera_is_tracked_body() -> StaticTransform:
+    """Return the mount of recordings whose poses are those of the depth camera itself."""
+    position = frozen_array((0.0, 0.0, 0.0), (3,))
+    no_rotation = frozen_array((1.0, 0.0, 0.0, 0.0), (4,))
+    return StaticTransform(MOCAP_BODY_FRAME, DEPTH_OPTICAL_FRAME, position, no_rotation)

@@ -95,6 +95,10 @@ class Finding:
     topic: str
     text: str
 
+    def describe(self) -> str:
+        """Return one line."""
+        return ": ".join(part for part in (self.kind, self.topic, self.text) if part)
+
 
 def inspect(path: Path) -> RecordingSummary:
     """Summarise a recording.

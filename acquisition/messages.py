@@ -3,8 +3,7 @@
 A further sample type needs one function each way and one row in `MESSAGE_TYPES`.
 
 What a ROS message has no room for travels elsewhere: the sequence number is the `sequence` of
-the MCAP message record. `DepthFrame.device_ticks` is not recorded by the messages here and comes
-back as None; it goes to /clock, together with the host times that give it a meaning.
+the MCAP message record, and further fields are in a message of their own, a companion.
 """
 
 from __future__ import annotations
@@ -17,16 +16,27 @@ from rosbags.serde import SerdeError
 
 from acquisition.clock_messages import CLOCK_TYPE, decode_clock, encode_clock
 from acquisition.clock_sample import ClockSample
+from acquisition.companions import Companion
 from acquisition.depth_messages import (
+    TICKS_TYPE,
     CameraInfo,
     DepthImage,
     decode_camera,
     decode_depth,
+    decode_ticks,
     encode_camera,
     encode_depth,
+    encode_ticks,
 )
 from acquisition.errors import StreamError
 from acquisition.frames import StaticTransforms
+from acquisition.gyro_messages import (
+    RAW_TYPE,
+    decode_gyro_raw,
+    decode_yaw_rate,
+    encode_gyro_raw,
+    encode_yaw_rate,
+)
 from acquisition.motion_messages import (
     decode_acceleration,
     decode_pose,
@@ -35,13 +45,31 @@ from acquisition.motion_messages import (
     encode_pose,
     encode_transforms,
 )
+from acquisition.ros_fields import MAX_UINT32
 from acquisition.ros_types import typestore as typestore
-from drivers.samples import AccelerationSample, DepthFrame, PoseSample, Sample
+from acquisition.vibration_messages import VIBRATION_TYPE, decode_vibration, encode_vibration
+from acquisition.wheel_messages import (
+    CAN_TYPE,
+    SPEEDS_TYPE,
+    decode_can,
+    decode_speeds,
+    decode_twist,
+    encode_can,
+    encode_speeds,
+    encode_twist,
+)
+from drivers.samples import (
+    AccelerationSample,
+    CanFrameSample,
+    DepthFrame,
+    PoseSample,
+    Sample,
+    VibrationSample,
+    WheelTwistSample,
+    YawRateSample,
+)
 
-_MAX_SEQUENCE = 2**32 - 1  # the MCAP message record holds a uint32
-
-
-Record = DepthImage | CameraInfo | PoseSample | AccelerationSample | StaticTransforms | ClockSample
+Record = DepthImage | CameraInfo | Companion | Sample | StaticTransforms | ClockSample
 Recordable = Sample | StaticTransforms | ClockSample
 
 
@@ -53,14 +81,15 @@ class MessageType:
         topic: where the message is published.
         ros_type: its ROS 2 type, "package/msg/Name".
         sample_type: the type of which `encode` makes this message.
-        encode: sample to ROS message object; ValueError with the reason.
+        encode: sample to ROS message object, or None where the sample has nothing to say here;
+            ValueError with the reason.
         decode: ROS message object and sequence number to record; ValueError with the reason.
     """
 
     topic: str
     ros_type: str
     sample_type: type[Recordable]
-    encode: Callable[[Any], object]
+    encode: Callable[[Any], object | None]
     decode: Callable[[Any, int], Record]
 
 
@@ -89,13 +118,17 @@ def encode(sample: Recordable) -> list[EncodedMessage]:
         StreamError: the sample cannot be told as a message (time or sequence out of range,
             not finite, wrong shape); names the topic and the time.
     """
-    return [EncodedMessage(row.topic, _serialise(row, sample)) for row in types_of([type(sample)])]
+    encoded = [_serialise(row, sample) for row in types_of([type(sample)])]
+    return [message for message in encoded if message is not None]
 
 
-def _serialise(row: MessageType, sample: Recordable) -> bytes:
+def _serialise(row: MessageType, sample: Recordable) -> EncodedMessage | None:
     try:
         message = row.encode(sample)
-        return bytes(typestore().serialize_cdr(message, row.ros_type, little_endian=True))
+        if message is None:
+            return None
+        cdr = typestore().serialize_cdr(message, row.ros_type, little_endian=True)
+        return EncodedMessage(row.topic, bytes(cdr))
     except ValueError as error:
         raise StreamError(f"cannot write {row.topic} at {sample.t_ns} ns: {error}") from error
 
@@ -119,14 +152,14 @@ def checked_sequence(sample: Sample | ClockSample) -> int:
     Raises:
         StreamError: it does not fit the 32 bits that the stream has for it.
     """
-    if not 0 <= sample.sequence <= _MAX_SEQUENCE:
+    if not 0 <= sample.sequence <= MAX_UINT32:  # the MCAP message record holds a uint32
         raise StreamError(
             f"{type(sample).__name__} has sequence {sample.sequence}; expected 0 to 2^32-1"
         )
     return sample.sequence
 
 
-# The camera comes before the image that needs it.
+# Cameras and companions come before the main message that they belong to.
 MESSAGE_TYPES: tuple[MessageType, ...] = (
     MessageType(
         "/tf_static",
@@ -142,6 +175,7 @@ MESSAGE_TYPES: tuple[MessageType, ...] = (
         encode_camera,
         decode_camera,
     ),
+    MessageType("/depth/ticks", TICKS_TYPE, DepthFrame, encode_ticks, decode_ticks),
     MessageType("/depth/image", "sensor_msgs/msg/Image", DepthFrame, encode_depth, decode_depth),
     MessageType(
         "/mocap/pose",
@@ -156,6 +190,18 @@ MESSAGE_TYPES: tuple[MessageType, ...] = (
         AccelerationSample,
         encode_acceleration,
         decode_acceleration,
+    ),
+    MessageType("/vibration", VIBRATION_TYPE, VibrationSample, encode_vibration, decode_vibration),
+    MessageType("/gyro/raw", RAW_TYPE, YawRateSample, encode_gyro_raw, decode_gyro_raw),
+    MessageType("/gyro", "sensor_msgs/msg/Imu", YawRateSample, encode_yaw_rate, decode_yaw_rate),
+    MessageType("/can", CAN_TYPE, CanFrameSample, encode_can, decode_can),
+    MessageType("/wheels/speeds", SPEEDS_TYPE, WheelTwistSample, encode_speeds, decode_speeds),
+    MessageType(
+        "/wheels",
+        "geometry_msgs/msg/TwistWithCovarianceStamped",
+        WheelTwistSample,
+        encode_twist,
+        decode_twist,
     ),
     MessageType("/clock", CLOCK_TYPE, ClockSample, encode_clock, decode_clock),
 )

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from drivers.checks import check_positive
 from drivers.depth_folder import (
     MAX_POSE_GAP_S,
     POSE_SIGMA_M,
@@ -16,7 +17,6 @@ from drivers.depth_folder import (
     FramesWithoutPose,
     Listing,
     PoseSettings,
-    check_positive,
 )
 from drivers.errors import DriverError
 from drivers.samples import AccelerationSample, frozen_array
@@ -91,8 +91,8 @@ class TumFolder(DepthFolder):
         trajectory = self.folder / "groundtruth.txt"
         if self._with_poses and not trajectory.is_file():
             raise DriverError(
-                f"{trajectory} is not there; expected the camera's poses, restore it or set "
-                "with_poses=False"
+                f"{trajectory} is not there; expected the camera's poses, restore it or "
+                "import without poses (with_poses=False, --no-poses)"
             )
         return Listing(images, trajectory if self._with_poses else None, self._accelerations())
 

@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from drivers.checks import check_intrinsics, check_positive
 from drivers.depth_png import MillimetreTable, check_headers, read_counts
 from drivers.errors import DriverError, EndOfSource
 from drivers.samples import (
@@ -125,7 +126,7 @@ class DepthFolder(ABC):
         name: the instance's name.
     """
 
-    model = "depth folder"
+    model: str
 
     def __init__(
         self,
@@ -205,7 +206,7 @@ class DepthFolder(ABC):
 
     def _check(self) -> _Contents:
         check_positive("depth_scale", self._counts_per_m)
-        _check_intrinsics(self._intrinsics_px)
+        check_intrinsics(self._intrinsics_px)
         self._pose_settings.check()
         if not self.folder.is_dir():
             raise DriverError(f"{self.folder} is not a folder; expected one with depth images")
@@ -240,21 +241,6 @@ class DepthFolder(ABC):
                 if len(times) > 1
             },
         )
-
-
-def check_positive(setting: str, value: float) -> None:
-    """Raise DriverError unless the value of that setting is a finite number above zero."""
-    if not (math.isfinite(value) and value > 0):
-        raise DriverError(f"{setting} is {value}; expected a finite number above 0, set it")
-
-
-def _check_intrinsics(intrinsics_px: Sequence[float]) -> None:
-    if len(intrinsics_px) != 4 or not all(map(math.isfinite, intrinsics_px)):
-        raise DriverError(
-            f"intrinsics_px is {intrinsics_px}; expected four finite numbers fx, fy, cx, cy"
-        )
-    check_positive("fx of intrinsics_px", intrinsics_px[0])
-    check_positive("fy of intrinsics_px", intrinsics_px[1])
 
 
 def _find_poses(listing: Listing, settings: PoseSettings) -> list[PoseSample | None]:

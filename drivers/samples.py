@@ -8,6 +8,7 @@ which. Arrays are read-only, so that a sample can be handed to several threads.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,4 +99,119 @@ class AccelerationSample:
     sequence: int
 
 
-Sample = DepthFrame | PoseSample | AccelerationSample
+@dataclass(frozen=True, slots=True)
+class YawRateSample:
+    """Angular rate about the one axis that a gyro senses.
+
+    Attributes:
+        t_ns: time of the sample.
+        rate_rad_s: rad/s about the chip's sensing axis, right-handed, bias not removed.
+        temperature_c: the chip's latest own temperature in degrees Celsius; None where it
+            reports no absolute temperature or has not reported one yet.
+        raw_counts: the signed register value that `rate_rad_s` was scaled from; None only in
+            recordings of other programs.
+        sequence: counter of the source, starting at 0; a gap means lost samples, as far as the
+            driver can tell.
+    """
+
+    t_ns: int
+    rate_rad_s: float
+    temperature_c: float | None
+    raw_counts: int | None
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class CanFrameSample:
+    """One CAN frame as it was on the bus.
+
+    Attributes:
+        t_ns: host time right after the frame was read; adapters' own stamps differ in their base.
+        arbitration_id: 11 or 29 bits; of an error frame the error class bits of Linux.
+        is_extended: the identifier has 29 bits.
+        is_remote: a request without data.
+        is_error: not a frame of the bus but the controller's report of an error on it.
+        data: 0 to 8 bytes.
+        channel: the interface or port that it came from.
+        sequence: counter of the source's frames, starting at 0.
+    """
+
+    t_ns: int
+    arbitration_id: int
+    is_extended: bool
+    is_remote: bool
+    is_error: bool
+    data: bytes
+    channel: str
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class WheelTwistSample:
+    """Motion of the vehicle as its wheels tell it; wrong under slip.
+
+    Axes: x forward, z up, at the middle between the wheels.
+
+    Attributes:
+        t_ns: time of the newest frame that it was made of.
+        speed_m_s: forward speed.
+        yaw_rate_rad_s: about z, counter-clockwise.
+        speed_sigma_m_s: standard deviation of the speed.
+        yaw_rate_sigma_rad_s: standard deviation of the yaw rate.
+        left_m_s: mean rim speed of the left wheels; None when the vehicle reports none.
+        right_m_s: of the right wheels.
+        sequence: counter of the source's twists, starting at 0.
+    """
+
+    t_ns: int
+    speed_m_s: float
+    yaw_rate_rad_s: float
+    speed_sigma_m_s: float
+    yaw_rate_sigma_rad_s: float
+    left_m_s: float | None
+    right_m_s: float | None
+    sequence: int
+
+
+VibrationQuantity = Literal["displacement", "velocity", "acceleration"]
+VibrationStatistic = Literal["peak", "peak-to-peak", "rms", "instantaneous"]
+
+
+@dataclass(frozen=True, slots=True)
+class VibrationSample:
+    """Amplitude and frequency of the vibration along three axes, as the device measured them.
+
+    A device that sends several quantities gives the one that its profile names as the amplitude.
+
+    Attributes:
+        t_ns: time of the sample.
+        amplitude: (3,) in the sensor's axes: m, m/s or m/s^2 according to `quantity`; NaN where
+            the device sent its code for "no value". Not negative, unless instantaneous.
+        frequency_hz: (3,) dominant frequency of each axis, Hz; NaN where there is none.
+        quantity: what the amplitude is an amplitude of.
+        statistic: which amplitude of the oscillation it is; "instantaneous" is the signed wave
+            itself, as some devices send it at a high rate and without a frequency.
+        temperature_c: temperature of the device, degrees Celsius; None where it sends none.
+        sequence: counter of the source, starting at 0.
+        device_ticks: the device's own clock, unwrapped by nobody; None where it sends none.
+    """
+
+    t_ns: int
+    amplitude: Float64Array
+    frequency_hz: Float64Array
+    quantity: VibrationQuantity
+    statistic: VibrationStatistic
+    temperature_c: float | None
+    sequence: int
+    device_ticks: int | None = None
+
+
+Sample = (
+    DepthFrame
+    | PoseSample
+    | AccelerationSample
+    | VibrationSample
+    | YawRateSample
+    | CanFrameSample
+    | WheelTwistSample
+)

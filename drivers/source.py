@@ -96,6 +96,11 @@ class OpenSource:
 SOURCES: Mapping[str, str] = {
     "tum": "drivers.depth_files:TumFolder",
     "png": "drivers.depth_files:MillimetrePngFolder",
+    "openni": "drivers.depth_openni:OpenNiDepth",
+    "gyro": "drivers.gyro:YawGyro",
+    "wheels": "drivers.wheels:Wheels",
+    "mocap": "drivers.mocap:MotionCapture",
+    "vibration": "drivers.vibration:VibrationSensor",
 }
 
 

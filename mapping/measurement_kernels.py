@@ -101,7 +101,8 @@ def ranges_from_millimetres(
     for v in range(height):
         row = z_m[v + margin]
         for u in range(width):
-            raw = np.float32(depth_mm[v, u]) * np.float32(0.001)
+            # A quotient is rounded once: 3300 mm is the float32 of 3.3, as the range limit is.
+            raw = np.float32(depth_mm[v, u]) / np.float32(1000.0)
             z = raw - (c.bias_m + raw * (c.bias_slope + raw * c.bias_quadratic_per_m))
             inside = (depth_mm[v, u] > 0) & (z >= c.range_min_m) & (z <= c.range_max_m)
             row[u + margin] = z if inside else _ZERO

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from acquisition.clock_sample import ClockSample
@@ -133,12 +132,4 @@ def _attributes(mapper: Mapper, report: ReadReport) -> dict[str, str | int | flo
     attributes["input_truncated_bytes"] = report.truncated_bytes
     attributes["input_damaged_parts"] = len(report.damaged)
     attributes["input_late_messages"] = report.late_messages
-    attributes["software"] = f"terravibe {_own_version()}"
     return attributes
-
-
-def _own_version() -> str:
-    try:
-        return version("terravibe")
-    except PackageNotFoundError:
-        return "not installed"

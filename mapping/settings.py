@@ -47,7 +47,8 @@ class MapSettings:
         grid: "growing" keeps everything that was seen; "scrolling" keeps a window around the
             rover and forgets what leaves it.
         window_m: edge of that window.
-        memory_limit_mb: a growing map that would need more is refused.
+        memory_limit_mb: a map whose cells would need more is refused; while it grows and while it
+            is read out, up to three times as much is in use.
         gate_sigma: a measurement further than this from the cell goes to the second hypothesis.
         confirmations: consistent rejects after which the second hypothesis replaces the cell.
         sigma_floor_m, sigma_ceiling_m: a cell's frame-to-frame sigma is held between these.

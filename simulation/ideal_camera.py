@@ -11,13 +11,27 @@ from simulation.terrain import AnalyticTerrain, height_at
 
 Float64Array = NDArray[np.float64]
 
-# Steps along the ground are no longer than this, far below the width of any bump, so that a ray
-# cannot pass through one; on the way down to the ground a slope of 0.5 is allowed for.
-_MAX_RUN_M = 0.10
-_MIN_STEP = 1e-4
+# A ray advances by clearance / closing speed, as if slopes up to 0.5 lay ahead, and by 2 cm over
+# ground at least: far below the width of any bump, so that none is passed through unnoticed by
+# more than a fraction of a millimetre.
 _SLOPE_AHEAD = 0.5
-_BISECTIONS = 20
+_MIN_RUN_M = 0.02
+_REFINEMENTS = 40
+_HIT_TOLERANCE_M = 1e-7
 _SLOPE_HALF_BASE_M = 1e-4
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _clearance(
+    bumps: Float64Array,
+    waves: Float64Array,
+    origin: Float64Array,
+    ray: tuple[float, float, float],
+    s: float,
+) -> float:
+    """Return how far above the ground the ray is at parameter s, metres."""
+    ground = height_at(bumps, waves, origin[0] + s * ray[0], origin[1] + s * ray[1])
+    return float(origin[2] + s * ray[2] - ground)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -29,41 +43,49 @@ def _distance(
     z_max: float,
 ) -> float:
     """Return the ray parameter (distance along the optical axis) of the first hit; 0 = none."""
-    dx, dy, dz = ray
-    run = np.sqrt(dx * dx + dy * dy)
-    longest = _MAX_RUN_M / max(run, 1e-9)
-    closing = max(_SLOPE_AHEAD * run - dz, 1e-3)
+    run = np.sqrt(ray[0] * ray[0] + ray[1] * ray[1])
+    shortest = _MIN_RUN_M / max(run, 0.1)
+    closing = max(_SLOPE_AHEAD * run - ray[2], 1e-3)
     before = 0.0
-    s = 0.0
-    while s <= z_max:
-        ground = height_at(bumps, waves, origin[0] + s * dx, origin[1] + s * dy)
-        clearance = origin[2] + s * dz - ground
-        if clearance <= 0.0:
-            return _bisect(bumps, waves, origin, ray, before, s)
+    above = _clearance(bumps, waves, origin, ray, 0.0)
+    while above > 0.0 and before <= z_max:
+        s = before + max(above / closing, shortest)
+        now = _clearance(bumps, waves, origin, ray, s)
+        if now <= 0.0:
+            return _refine(bumps, waves, origin, ray, before, above, s, now)
         before = s
-        s += min(max(clearance / closing, _MIN_STEP), longest)
+        above = now
     return 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _bisect(
+def _refine(
     bumps: Float64Array,
     waves: Float64Array,
     origin: Float64Array,
     ray: tuple[float, float, float],
+    s_above: float,
     above: float,
+    s_below: float,
     below: float,
 ) -> float:
-    """Return the crossing between a parameter above the ground and one below it."""
-    dx, dy, dz = ray
-    for _ in range(_BISECTIONS):
-        s = 0.5 * (above + below)
-        ground = height_at(bumps, waves, origin[0] + s * dx, origin[1] + s * dy)
-        if origin[2] + s * dz > ground:
-            above = s
+    """Return the crossing between two parameters by regula falsi (Illinois form)."""
+    s = s_below
+    side = 0
+    for _ in range(_REFINEMENTS):
+        s = (s_above * below - s_below * above) / (below - above)
+        now = _clearance(bumps, waves, origin, ray, s)
+        if abs(now) < _HIT_TOLERANCE_M:
+            break
+        if now > 0.0:
+            s_above, above = s, now
+            below = 0.5 * below if side == 1 else below
+            side = 1
         else:
-            below = s
-    return 0.5 * (above + below)
+            s_below, below = s, now
+            above = 0.5 * above if side == -1 else above
+            side = -1
+    return s
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -103,6 +125,7 @@ def _trace(
                 rotation[2, 0] * ray_x[u] + rotation[2, 1] * ray_y[v] + rotation[2, 2],
             )
             s = _distance(bumps, waves, origin, ray, z_max)
+            s = s if s <= z_max else 0.0
             x = origin[0] + s * ray[0]
             y = origin[1] + s * ray[1]
             z[v, u] = s

@@ -25,6 +25,7 @@ _CAMERA_HEIGHT_M = 0.40
 _CAMERA_PITCH_RAD = float(np.radians(25.0))
 _SPEED_M_S = 0.3
 _Z_MAX_M = 4.5
+_RAYS_TO_BE_VISIBLE = 4
 # Optical frame (x right, y down, z forward) to a body looking along x with z up.
 _BODY_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
@@ -73,12 +74,12 @@ class IdealDrive:
         self._seed = seed
         self.frames = round(duration_s * 1e9 / FRAME_PERIOD_NS)
         self._next: int | None = None
-        self._hits: list[Float64Array] = []
+        self._seen: list[NDArray[np.float32]] = []
 
     def open(self) -> SourceInfo:
         """Start at the beginning of the drive."""
         self._next = 0
-        self._hits = []
+        self._seen = []
         return SourceInfo(
             name=self.name,
             model="simulated ideal camera",
@@ -111,18 +112,26 @@ class IdealDrive:
         self._next = None
 
     def truth(self, cell_size_m: float, range_min_m: float, range_max_m: float) -> Truth:
-        """Return the terrain on cells of that size around everything that was seen so far."""
-        points = np.concatenate(self._hits)
-        points = points[(points[:, 2] >= range_min_m) & (points[:, 2] <= range_max_m), :2]
-        cells = np.floor(points / cell_size_m).astype(np.int64)
-        first = cells.min(axis=0)
-        columns, rows = cells.max(axis=0) - first + 1
-        flat = (cells[:, 1] - first[1]) * columns + cells[:, 0] - first[0]
-        hits = np.bincount(flat, minlength=int(rows * columns)).reshape(rows, columns)
+        """Return the terrain on cells of that size around everything that was seen so far.
+
+        Raises:
+            DriverError: nothing was seen within that range.
+        """
+        met = [
+            _count_cells(self._hits(index, z_m, range_min_m, range_max_m), cell_size_m)
+            for index, z_m in enumerate(self._seen)
+        ]
+        cells = np.concatenate([np.empty((0, 3), np.int64), *met])
+        if not len(cells):
+            raise DriverError(f"{self.name}: nothing seen in that range; read frames before truth")
+        first = cells[:, :2].min(axis=0)
+        columns, rows = cells[:, :2].max(axis=0) - first + 1
+        rays = np.zeros((rows, columns), np.int64)
+        np.add.at(rays, (cells[:, 1] - first[1], cells[:, 0] - first[0]), cells[:, 2])
         x_m = (first[0] + np.arange(columns) + 0.5) * cell_size_m
         y_m = (first[1] + np.arange(rows) + 0.5) * cell_size_m
         height_m = self.terrain.height_m(x_m[np.newaxis, :], y_m[:, np.newaxis])
-        return Truth(x_m, y_m, height_m, hits >= 4)
+        return Truth(x_m, y_m, height_m, rays >= _RAYS_TO_BE_VISIBLE)
 
     def camera_pose(self, t_s: float) -> tuple[Float64Array, Float64Array]:
         """Return position (3,) and rotation (3, 3) of the optical frame, t_s after the start."""
@@ -151,19 +160,32 @@ class IdealDrive:
         t_ns = index * FRAME_PERIOD_NS
         position, rotation = self.camera_pose(t_ns * 1e-9)
         z_m, incidence = trace(self.terrain, self.camera, position, rotation, _Z_MAX_M)
-        self._hits.append(self._points(z_m, position, rotation))
+        self._seen.append(z_m.astype(np.float32))
         random = np.random.default_rng([self._seed, index])
         depth_mm = noisy_depth_mm(z_m, incidence, random)
         depth_mm.flags.writeable = False
         return DepthFrame(START_NS + t_ns, depth_mm, self.camera, index)
 
-    def _points(
-        self, z_m: Float64Array, position: Float64Array, rotation: Float64Array
+    def _hits(
+        self, index: int, z_m: NDArray[np.float32], range_min_m: float, range_max_m: float
     ) -> Float64Array:
-        """Return (N, 3): world x, world y and distance along the axis of every ray that hit."""
-        v, u = np.nonzero(z_m)
-        z = z_m[v, u]
+        """Return (N, 2) world x and y of the rays of a frame that met ground in that range."""
+        position, rotation = self.camera_pose(index * FRAME_PERIOD_NS * 1e-9)
+        v, u = np.nonzero((z_m >= range_min_m) & (z_m <= range_max_m))
+        z = z_m[v, u].astype(np.float64)
         x = (u - self.camera.cx_px) / self.camera.fx_px * z
         y = (v - self.camera.cy_px) / self.camera.fy_px * z
-        world = np.stack([x, y, z], axis=-1) @ rotation.T + position
-        return np.column_stack([world[:, :2], z]).astype(np.float32)
+        points = np.stack([x, y, z], axis=-1) @ rotation.T + position
+        return points[:, :2]
+
+
+def _count_cells(points_m: Float64Array, cell_size_m: float) -> NDArray[np.int64]:
+    """Return (K, 3): column, row and number of points of every cell that holds some."""
+    if not len(points_m):
+        return np.empty((0, 3), np.int64)
+    cells = np.floor(points_m / cell_size_m).astype(np.int64)
+    first = cells.min(axis=0)
+    columns = int(cells[:, 0].max() - first[0]) + 1
+    count = np.bincount((cells[:, 1] - first[1]) * columns + cells[:, 0] - first[0])
+    some = np.flatnonzero(count)
+    return np.column_stack([some % columns + first[0], some // columns + first[1], count[some]])

@@ -8,7 +8,12 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import hypothesis
 import pytest
+
+# No deadline: the first example may compile kernels, and CI machines are shared.
+hypothesis.settings.register_profile("terravibe", deadline=None)
+hypothesis.settings.load_profile("terravibe")
 
 _SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -43,7 +48,11 @@ def nothing_outlives_a_test() -> Iterator[None]:
 
 def _belongs_to_a_library(target: str) -> bool:
     """Tell a descriptor that a library keeps for the life of the process."""
-    return target.startswith(("/usr/share/fonts", "/dev/urandom")) or "matplotlib" in target
+    return (
+        target.startswith(("/usr/share/fonts", "/dev/urandom"))
+        or target.endswith("/proj.db")  # GDAL's table of reference systems
+        or "matplotlib" in target
+    )
 
 
 @pytest.fixture(scope="session")

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import itertools
-import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -22,6 +20,7 @@ from drivers.depth_png import MillimetreTable
 from drivers.errors import DriverError, EndOfSource
 from drivers.samples import AccelerationSample, DepthFrame, PoseSample, Sample
 from drivers.source import OpenSource, make_source
+from tests.fakes.ordinary_user import ordinary_user
 
 INTRINSICS_PX = (535.4, 539.2, 320.1, 247.6)
 SIZE = (8, 6)
@@ -250,21 +249,10 @@ def test_other_settings_are_checked(tum: Path) -> None:
     assert "is not a folder" in refusal(tum_source(tum / "absent"))
 
 
-@pytest.fixture
-def ordinary_user() -> Iterator[None]:
-    """Give up root's right to read everything, where the tests have it."""
-    mine = os.geteuid()
-    if mine == 0:
-        os.seteuid(65534)
-    yield
-    os.seteuid(mine)
-
-
 @pytest.mark.parametrize("forbidden", ["depth/1.5.png", "depth", "groundtruth.txt", "."])
-@pytest.mark.usefixtures("ordinary_user")
 def test_permissions_are_named(forbidden: str) -> None:
-    with TemporaryDirectory() as folder:
-        tum = make_tum(Path(folder) / "tum")
+    with ordinary_user() as folder:
+        tum = make_tum(folder / "tum")
         (tum / forbidden).chmod(0)
         assert "Permission denied" in refusal(tum_source(tum))
         (tum / forbidden).chmod(0o700)

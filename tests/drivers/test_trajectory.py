@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
 import re
 from decimal import Decimal
 from pathlib import Path
@@ -210,3 +211,14 @@ def test_unknown_outside_and_in_long_gaps() -> None:
 def test_a_single_pose_answers_for_its_own_time_only() -> None:
     *_, known = interpolate(turning([1.0]), np.array([10**9, 10**9 + 1]), max_gap_s=10.0)
     assert known.tolist() == [True, False]
+
+
+@pytest.mark.parametrize(("sequence", "poses"), [("360", 21823 - 3), ("slam", 44212 - 10)])
+def test_published_ground_truth_with_repeated_stamps(
+    real_data: Path, tmp_path: Path, sequence: str, poses: int
+) -> None:
+    name = f"rgbd_dataset_freiburg2_pioneer_{sequence}_groundtruth.txt.gz"
+    text = gzip.decompress((real_data / "tum_fr2_pioneer" / name).read_bytes()).decode()
+    trajectory = read_trajectory(write(tmp_path, text))
+    assert len(trajectory.t_ns) == poses
+    assert (np.diff(trajectory.t_ns) > 0).all()

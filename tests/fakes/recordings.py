@@ -97,11 +97,13 @@ def samples(seconds: float) -> list[Sample]:
     return sorted(made, key=lambda sample: sample.t_ns)
 
 
-def recording(content: Sequence[Sample | ClockSample], **options: Any) -> bytes:
+def recording(
+    content: Sequence[Sample | ClockSample], source: SourceInfo = SOURCE, **options: Any
+) -> bytes:
     """Return the bytes of a recording of those samples."""
     stream = io.BytesIO()
     with StreamWriter(
-        stream, sources=[SOURCE], static_transforms=[MOUNT], settings=SETTINGS, **options
+        stream, sources=[source], static_transforms=[MOUNT], settings=SETTINGS, **options
     ) as writer:
         for sample in content:
             writer.write(sample)

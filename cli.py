@@ -1,0 +1,195 @@
+"""terravibe's command line: parse, call one function, print, exit code.
+
+Exit codes: 0 ok, 1 a check failed or the input was damaged, 2 wrong usage or unusable input.
+Nothing heavy is imported before a command runs, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple, NoReturn
+
+_UNUSABLE = 2
+_INTERRUPTED = 130
+_ROOMS = ("drivers", "acquisition", "mapping", "simulation")
+
+
+class _Command(NamedTuple):
+    """A command: what it does, and the module with its `add_NAME_arguments` and `run_NAME`."""
+
+    text: str
+    module: str
+
+
+_COMMANDS = {
+    "demo": _Command("simulate a drive, record it, map it live, compare with the truth", "cli"),
+    "devices": _Command("say what is plugged in and usable", "acquisition.device_commands"),
+    "import": _Command("turn a folder of depth images into a recording", "acquisition.commands"),
+    "info": _Command("say what a recording or a map holds", "mapping.commands"),
+    "check": _Command("look for damage and gaps in a recording", "acquisition.commands"),
+    "map": _Command("turn a recording into an elevation map", "mapping.commands"),
+    "export": _Command("convert a map to GeoTIFF, PLY or PNG, draw figures", "mapping.commands"),
+    "evaluate": _Command("compare a map with the truth or a flat floor", "mapping.commands"),
+    "warmup": _Command("compile the mapping kernels now", "mapping.commands"),
+}
+
+
+class Terminal:
+    """Standard output for results, standard error for everything else."""
+
+    def lines(self, lines: Iterable[str]) -> None:
+        """Print the result, for people."""
+        for line in lines:
+            print(line)
+
+    def json(self, value: object) -> None:
+        """Print the result, for programs."""
+        print(json.dumps(value, indent=2, allow_nan=False))
+
+    def note(self, text: str) -> None:
+        """Tell the user something beside the result."""
+        print(f"terravibe: {text}", file=sys.stderr)
+
+    @contextmanager
+    def progress(self, text: str) -> Iterator[Callable[[str], None]]:
+        """Show on a terminal what has been reached; say nothing elsewhere."""
+        if not sys.stderr.isatty():
+            yield lambda _: None
+            return
+        from rich.console import Console
+
+        with Console(stderr=True).status(text) as status:
+            yield lambda reached: status.update(f"{text}: {reached}")
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with 2; see `argparse.ArgumentParser.error`."""
+        self.exit(_UNUSABLE, f"{self.prog}: error: {message}; see {self.prog} --help\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code."""
+    shadowed = _shadowed_room()
+    if shadowed:
+        return _fail(shadowed)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    name, options = _parse(words)
+    try:
+        return _run(name, options)
+    except BrokenPipeError:
+        # Whoever read our output has gone; keep the interpreter from complaining at exit.
+        sys.stdout = None
+        return 0
+
+
+def _parse(words: list[str]) -> tuple[str, argparse.Namespace]:
+    """Parse in two steps, so that only the chosen command's module is imported."""
+    parser = _Parser(
+        prog="terravibe",
+        description="Records a rover's sensors as one MCAP stream and turns it into an elevation "
+        "map with an honest uncertainty.",
+    )
+    parser.add_argument("--version", action="store_true", help="print the version and stop")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=_Parser)
+    chosen = next((word for word in words if not word.startswith("-")), None)
+    for name, command in _COMMANDS.items():
+        child = commands.add_parser(name, help=command.text, description=command.text)
+        if name == chosen:
+            _member(name, "add_{}_arguments")(child)
+    options = parser.parse_args(words)
+    if options.version:
+        from importlib.metadata import version
+
+        parser.exit(0, f"terravibe {version('terravibe')}\n")
+    if options.command is None:
+        parser.error(f"no command; expected one of {', '.join(_COMMANDS)}")
+    return str(options.command), options
+
+
+def _member(command: str, pattern: str) -> Callable[..., int]:
+    """Return the command's function of that name."""
+    module = _COMMANDS[command].module
+    owner = sys.modules[__name__] if module == "cli" else importlib.import_module(module)
+    function: Callable[..., int] = getattr(owner, pattern.format(command))
+    return function
+
+
+def _run(name: str, options: argparse.Namespace) -> int:
+    """Run a command; a known failure becomes one line and an exit code."""
+    from drivers.errors import TerravibeError
+
+    try:
+        return _member(name, "run_{}")(options, Terminal())
+    except TerravibeError as error:
+        return _fail(str(error))
+    except KeyboardInterrupt:
+        print("terravibe: interrupted; no output was written", file=sys.stderr)
+        return _INTERRUPTED
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        where = f" {error.filename}" if error.filename else ""
+        return _fail(f"the system refused{where}: {error.strerror or error}")
+
+
+def _fail(message: str) -> int:
+    print(f"terravibe: error: {' '.join(message.split())}", file=sys.stderr)
+    return _UNUSABLE
+
+
+def _shadowed_room() -> str:
+    """Return what is wrong when another distribution took one of the top-level names."""
+    here = Path(__file__).resolve().parent
+    for room in _ROOMS:
+        module = importlib.import_module(room)
+        origin = Path(module.__file__ or "?").resolve().parent
+        if getattr(module, "DISTRIBUTION", None) != "terravibe" or origin.parent != here:
+            return (
+                f"the package {room!r} comes from {origin}, not from terravibe; another "
+                "distribution uses that name: install terravibe into an environment of its own"
+            )
+    return ""
+
+
+def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare `terravibe demo`."""
+    parser.add_argument("--out", type=Path, default=Path("terravibe-demo"), metavar="DIR")
+    parser.add_argument("--seed", type=int, default=3, metavar="N", help="of terrain and noise (3)")
+    parser.add_argument("--seconds", type=float, default=12.0, metavar="S", help="of driving (12)")
+    parser.add_argument("--json", action="store_true", help="print the scores as JSON")
+
+
+def run_demo(options: argparse.Namespace, console: Terminal) -> int:
+    """Simulate, record, map live, judge and report; the only place that knows the simulator."""
+    from acquisition.console import show
+    from mapping.commands import frame_counter, prepare_kernels
+    from mapping.demo import Demo, run
+    from mapping.truth import Truth
+    from simulation.ideal_camera import IDEAL_CAMERA_NOISE
+    from simulation.ideal_drive import IdealDrive
+
+    prepare_kernels(console)
+    drive = IdealDrive(options.seed, options.seconds)
+
+    def truth(cell_size_m: float, range_min_m: float, range_max_m: float) -> Truth:
+        known = drive.truth(cell_size_m, range_min_m, range_max_m)
+        return Truth(known.x_m, known.y_m, known.height_m, known.visible)
+
+    demo = Demo(drive, truth, IDEAL_CAMERA_NOISE)
+    with console.progress(f"driving {options.seconds:g} s") as reached:
+        result = run(demo, options.out, frame_counter(reached))
+    show(console, result, as_json=options.json)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,242 @@
+"""The commands that make and look at maps: arguments in, one function called, words out.
+
+Nothing heavy is imported before a command runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from math import inf, radians
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from acquisition.console import CHECK_FAILED, OK, Console, show
+
+if TYPE_CHECKING:
+    from acquisition.byte_source import ByteSource
+    from acquisition.stream_reader import StreamMessage
+    from mapping.elevation_map import ElevationMap
+    from mapping.evaluation import Scores
+    from mapping.floor_evaluation import FloorScores
+    from mapping.session import MapOptions
+
+
+def add_info_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare `terravibe info`."""
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--json", action="store_true")
+
+
+def run_info(options: argparse.Namespace, console: Console) -> int:
+    """Say what a recording or a map holds."""
+    if options.file.suffix == ".nc":
+        from mapping.map_file import read_map
+        from mapping.map_summary import summarise
+
+        show(console, summarise(read_map(options.file)), as_json=options.json)
+    else:
+        from acquisition.inspection import inspect
+
+        show(console, inspect(options.file), as_json=options.json)
+    return OK
+
+
+def add_map_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare `terravibe map`; options left out keep the recording's values or the defaults."""
+    add = parser.add_argument
+    add("recording", help="MCAP file, or - for standard input")
+    add("-o", "--output", type=Path, required=True, metavar="FILE.nc")
+    add("--follow", action="store_true", help="map a file that is still being written")
+    add("--idle-timeout-s", type=float, default=inf, metavar="S", help="with --follow: give up")
+    add(
+        "--reorder-window-s", type=float, default=0.5, metavar="S", help="how late a message may be"
+    )
+    add("--resolution", dest="resolution_m", type=float, metavar="M", help="cell size (0.04)")
+    add("--grid", choices=("growing", "scrolling"), help="keep everything, or a window")
+    add("--window-m", type=float, metavar="M", help="edge of the scrolling window (6)")
+    add("--noise", metavar="MODEL", help="preset, constant:SIGMA_M, or a calibration file")
+    add("--range-min-m", type=float, metavar="M", help="nearest depth that is mapped (0.4)")
+    add("--range-max-m", type=float, metavar="M", help="farthest depth that is mapped (4)")
+    add("--mount-sigma-m", type=float, metavar="M", help="overrides the recording's value")
+    add("--mount-sigma-deg", type=float, metavar="DEG", help="overrides the recording's value")
+    add("--gate-sigma", type=float, metavar="N", help="reject beyond N sigma (3.5)")
+    add("--common-correlation-time-s", type=float, metavar="S", help="of pose errors (0.3)")
+    add("--pose-gap-max-s", type=float, metavar="S", help="longest pose interpolation (0.2)")
+    add("--figures", type=Path, metavar="DIR", help="also draw the figures")
+    add("--json", action="store_true", help="print the result as JSON")
+
+
+def run_map(options: argparse.Namespace, console: Console) -> int:
+    """Turn a recording into an elevation map; 1 when parts of it were damaged."""
+    from acquisition.files import check_target
+    from acquisition.stream_reader import StreamReader
+    from mapping.map_file import write_map
+    from mapping.map_summary import summarise_run
+    from mapping.session import map_stream
+
+    map_options = _map_options(options)
+    check_target(options.output)
+    with _byte_source(options) as source:
+        prepare_kernels(console)
+        reader = StreamReader(source, reorder_window_ns=round(options.reorder_window_s * 1e9))
+        with console.progress(f"mapping {options.recording}") as reached:
+            result = map_stream(reader, map_options, frame_counter(reached))
+    write_map(result.map, options.output)
+    if options.figures:
+        _draw(result.map, options.figures, console)
+    summary = summarise_run(result, str(options.output))
+    show(console, summary, as_json=options.json)
+    for warning in summary.warnings:
+        console.note(f"warning: {warning}")
+    return CHECK_FAILED if result.report.damaged else OK
+
+
+def _map_options(options: argparse.Namespace) -> MapOptions:
+    """Return what the user asked for."""
+    from mapping.calibration_file import noise_from_name
+    from mapping.session import MapOptions
+    from mapping.settings import MapSettings
+
+    names = MapSettings.__dataclass_fields__.keys() - {"mount_sigma_m"}
+    given = {name: value for name, value in vars(options).items() if name in names}
+    degrees = options.mount_sigma_deg
+    return MapOptions(
+        settings=MapSettings(**{name: value for name, value in given.items() if value is not None}),
+        noise=noise_from_name(options.noise) if options.noise else None,
+        mount_sigma_m=options.mount_sigma_m,
+        mount_sigma_rad=None if degrees is None else radians(degrees),
+    )
+
+
+@contextmanager
+def _byte_source(options: argparse.Namespace) -> Iterator[ByteSource]:
+    """Open the recording."""
+    from acquisition.byte_source import FinishedFile, GrowingFile, standard_input
+
+    if options.recording == "-":
+        yield standard_input()
+    elif not options.follow:
+        with FinishedFile(Path(options.recording)) as finished:
+            yield finished
+    else:
+        with (
+            _interrupt_as_stop() as stop,
+            GrowingFile(
+                Path(options.recording), idle_timeout_s=options.idle_timeout_s, stop=stop
+            ) as growing,
+        ):
+            yield growing
+
+
+@contextmanager
+def _interrupt_as_stop() -> Iterator[Callable[[], bool]]:
+    """Let Ctrl-C end a followed stream, so that what was seen becomes a map."""
+    stopped = False
+
+    def stop(*_: object) -> None:
+        nonlocal stopped
+        stopped = True
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield lambda: stopped
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def frame_counter(reached: Callable[[str], None]) -> Callable[[StreamMessage], None]:
+    """Return a function that counts the depth frames among messages and tells `reached`."""
+    frames = 0
+
+    def count(message: StreamMessage) -> None:
+        nonlocal frames
+        if message.topic == "/depth/image":
+            frames += 1
+            reached(f"{frames} depth frames")
+
+    return count
+
+
+def prepare_kernels(console: Console) -> None:
+    """Compile the kernels if this installation never did, and say so."""
+    from mapping.kernel_cache import compile_kernels, kernels_are_cached
+
+    if not kernels_are_cached():
+        console.note("compiling the mapping kernels; once per installation, takes about 20 s")
+    compile_kernels()
+
+
+def _draw(map_: ElevationMap, folder: Path, console: Console) -> None:
+    from mapping.figures import write_figures
+
+    with console.progress(f"drawing into {folder}"):
+        write_figures(map_, folder)
+
+
+def add_warmup_arguments(_: argparse.ArgumentParser) -> None:
+    """Declare `terravibe warmup`, which has none."""
+
+
+def run_warmup(_: argparse.Namespace, console: Console) -> int:
+    """Compile the kernels now, not at the first frame."""
+    prepare_kernels(console)
+    console.lines(["the mapping kernels are compiled and cached"])
+    return OK
+
+
+def add_export_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare `terravibe export`."""
+    parser.add_argument("map", type=Path)
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help=".tif, .ply or .png")
+    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw all figures into DIR")
+
+
+def run_export(options: argparse.Namespace, console: Console) -> int:
+    """Convert a map to what other programs read."""
+    from mapping.errors import MappingError
+    from mapping.export import export
+    from mapping.map_file import read_map
+
+    if options.output is None and options.figures is None:
+        raise MappingError("nothing to do; give -o FILE (.tif, .ply, .png), --figures DIR, or both")
+    map_ = read_map(options.map)
+    if options.output:
+        export(map_, options.output)
+        console.lines([str(options.output)])
+    if options.figures:
+        _draw(map_, options.figures, console)
+        console.lines([str(options.figures)])
+    return OK
+
+
+def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare `terravibe evaluate`."""
+    parser.add_argument("map", type=Path)
+    judge = parser.add_mutually_exclusive_group(required=True)
+    judge.add_argument("--truth", type=Path, metavar="FILE.nc", help="true heights")
+    judge.add_argument("--floor-height-m", type=float, metavar="M", help="height of a flat floor")
+    parser.add_argument("--box", type=Path, metavar="FILE", help="a box that stands on the floor")
+    parser.add_argument("--json", action="store_true")
+
+
+def run_evaluate(options: argparse.Namespace, console: Console) -> int:
+    """Compare a map with the truth or with a flat floor."""
+    from mapping.floor_evaluation import evaluate_floor, read_box
+    from mapping.map_file import read_map
+    from mapping.truth import evaluate_truth, read_truth
+
+    map_ = read_map(options.map)
+    scores: Scores | FloorScores
+    if options.truth:
+        scores = evaluate_truth(map_, read_truth(options.truth))
+    else:
+        box = read_box(options.box) if options.box else None
+        scores = evaluate_floor(map_, options.floor_height_m, box)
+    if options.json:
+        console.json(scores.as_json())
+    else:
+        console.lines(scores.lines())
+    return OK

@@ -1,0 +1,50 @@
+"""Compiled kernels: where numba keeps them, whether they are there, and making them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from drivers.samples import CameraIntrinsics
+from mapping import measurement_kernels, update_kernels
+from mapping.geometry import RigidTransform, UncertainPose
+from mapping.grid import GrowingGrid
+from mapping.measurement import FrameReducer, View
+from mapping.noise import NGUYEN_2012
+from mapping.settings import MapSettings
+
+_ENTRY_POINTS = (
+    measurement_kernels.ranges_from_millimetres,
+    measurement_kernels.accumulate,
+    update_kernels.fuse,
+)
+
+
+def kernels_are_cached() -> bool:
+    """Tell whether the mapping kernels were compiled earlier by this installation."""
+    return all(_has_index(kernel) for kernel in _ENTRY_POINTS)
+
+
+def _has_index(kernel: object) -> bool:
+    """Look for numba's index file of a kernel, newer than the kernel's source."""
+    function = kernel.py_func  # type: ignore[attr-defined] # numba has no type information
+    folder = Path(kernel.stats.cache_path)  # type: ignore[attr-defined]
+    source = Path(function.__code__.co_filename)
+    pattern = f"{source.stem}.{function.__name__}-*.nbi"
+    return any(index.stat().st_mtime >= source.stat().st_mtime for index in folder.glob(pattern))
+
+
+def compile_kernels() -> None:
+    """Compile the kernels, or load them from the cache, by mapping one tiny frame."""
+    camera = CameraIntrinsics(16, 12, 16.0, 16.0, 7.5, 5.5)
+    settings = MapSettings()
+    reducer = FrameReducer(camera, NGUYEN_2012, settings)
+    looking_down = RigidTransform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]))
+    view = View(UncertainPose(0, looking_down, np.zeros((6, 6))), looking_down)
+    reducer.load(np.full((12, 16), 1000, np.uint16))
+    grid = GrowingGrid(settings)
+    window = grid.prepare(reducer.footprint(view), 0.0, 0.0)
+    sums, _ = reducer.reduce(view, window)
+    constants = reducer.frame_constants(view, window, grid.position(window))
+    update_kernels.fuse(sums, constants, update_kernels.fusion_constants(settings), grid.layers)

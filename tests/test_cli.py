@@ -1,0 +1,204 @@
+"""The command line as users meet it: exit codes, one line for an error, nothing half-written."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import cli
+from acquisition.console import CHECK_FAILED, OK
+
+_ROOT = Path(__file__).resolve().parents[1]
+_UNUSABLE = 2
+_INTRINSICS = "32,32,15.5,11.5"
+
+
+@pytest.fixture
+def tum_folder(tmp_path: Path) -> Path:
+    """Return a small recording of a floor, seen by a camera that looks straight down."""
+    folder = tmp_path / "tum"
+    (folder / "depth").mkdir(parents=True)
+    index, poses = ["# depth maps"], ["# ground truth"]
+    for i in range(6):
+        stamp = f"{1000 + i}.000000"
+        depth = np.full((24, 32), 5 * (1000 + i % 2), np.uint16)
+        Image.fromarray(depth).save(folder / "depth" / f"{stamp}.png")
+        index.append(f"{stamp} depth/{stamp}.png")
+        poses.append(f"{stamp} {0.01 * i} 0 1 1 0 0 0")
+    (folder / "depth.txt").write_text("\n".join(index) + "\n")
+    (folder / "groundtruth.txt").write_text("\n".join(poses) + "\n")
+    return folder
+
+
+@pytest.fixture
+def recording(tum_folder: Path, tmp_path: Path) -> Path:
+    """Return that folder as a recording."""
+    path = tmp_path / "run.mcap"
+    assert (
+        cli.main(["import", "tum", str(tum_folder), "--intrinsics", _INTRINSICS, "-o", str(path)])
+        == OK
+    )
+    return path
+
+
+def run_map(recording: Path, output: Path, *extra: str) -> int:
+    """Map a recording."""
+    return cli.main(["map", str(recording), "-o", str(output), *extra])
+
+
+def test_import_info_check_map_evaluate_export(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    map_file = tmp_path / "map.nc"
+    assert cli.main(["info", str(recording), "--json"]) == OK
+    assert cli.main(["check", str(recording)]) == OK
+    capsys.readouterr()
+    assert run_map(recording, map_file, "--json") == OK
+    counts = json.loads(capsys.readouterr().out)["counts"]
+    assert counts["frames"] == 6
+    assert counts["readings"] == 6 * 24 * 32
+    assert counts["readings_outside"] == 0
+    assert cli.main(["evaluate", str(map_file), "--floor-height-m", "0", "--json"]) == OK
+    floor = json.loads(capsys.readouterr().out)["floor"]["confirmed"]
+    assert abs(floor["median_m"]) < 0.002
+    for name in ("out.tif", "out.ply", "out.png"):
+        assert cli.main(["export", str(map_file), "-o", str(tmp_path / name)]) == OK
+        assert (tmp_path / name).stat().st_size > 0
+
+
+def test_same_bits_from_file_pipe_and_second_run(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def checksum(text: str) -> str:
+        return str(json.loads(text)["map"]["sha256"])
+
+    assert run_map(recording, tmp_path / "a.nc", "--json") == OK
+    from_file = checksum(capsys.readouterr().out)
+    assert run_map(recording, tmp_path / "b.nc", "--json", "--follow") == OK
+    assert checksum(capsys.readouterr().out) == from_file
+    with recording.open("rb") as stream:
+        piped = subprocess.run(
+            [sys.executable, "-m", "cli", "map", "-", "-o", str(tmp_path / "c.nc"), "--json"],
+            stdin=stream,
+            cwd=_ROOT,
+            capture_output=True,
+            check=True,
+        )
+    assert checksum(piped.stdout.decode()) == from_file
+
+
+def test_truncated_recording_is_mapped_with_a_warning(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(recording.read_bytes()[: recording.stat().st_size * 6 // 10])
+    assert run_map(cut, tmp_path / "map.nc") == OK
+    assert "no proper end" in capsys.readouterr().err
+
+
+def test_flipped_byte_is_reported_and_never_mapped_silently(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = bytearray(recording.read_bytes())
+    content[len(content) // 2] ^= 0x10
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(content)
+    assert run_map(damaged, tmp_path / "map.nc") in (CHECK_FAILED, _UNUSABLE)
+    assert "offset" in capsys.readouterr().err
+    assert cli.main(["check", str(damaged)]) == CHECK_FAILED
+
+
+def test_devices_lists_and_checks_profiles(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["devices", "--json"]) == OK
+    assert isinstance(json.loads(capsys.readouterr().out)["devices"], list)
+    assert cli.main(["devices", "check-profile", "wtvb01-485"]) == OK
+    profile = tmp_path / "mine.toml"
+    profile.write_text("[profile]\nname = 3\n")
+    capsys.readouterr()
+    assert cli.main(["devices", "check-profile", str(profile)]) == CHECK_FAILED
+    assert f"{profile}:2: found" in capsys.readouterr().out
+    assert cli.main(["devices", "check-profile", str(tmp_path / "none.toml")]) == _UNUSABLE
+    assert cli.main(["devices", "udev-rules"]) == OK
+    assert Path(capsys.readouterr().out.strip()).is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["map", "missing.mcap", "-o", "x.nc"], "missing.mcap"),
+        (["map", "{recording}", "-o", "no/such/folder/x.nc"], "no folder"),
+        (["map", "{recording}", "-o", "{tmp}/x.nc", "--resolution", "0"], "resolution_m"),
+        (["map", "{recording}", "-o", "{tmp}/x.nc", "--noise", "unheard-of"], "unheard-of"),
+        (["map", "{recording}", "-o", "{tmp}/x.nc", "--noise", "constant:-1"], "above 0"),
+        (["map", "{recording}", "-o", "{tmp}/x.nc", "--range-min-m", "5"], "range_min_m"),
+        (["map", "{recording}", "-o", "{tmp}/x.nc", "--reorder-window-s", "-1"], "reorder"),
+        (["map", "{recording}", "-o", "{tmp}/x.nc", "--mount-sigma-m", "-1"], "mount_sigma_m"),
+        (["export", "{recording}"], "nothing to do"),
+        (["export", "{recording}", "-o", "{tmp}/x.tif"], "NetCDF"),
+        (["evaluate", "{tmp}/none.nc", "--floor-height-m", "0"], "none.nc"),
+        (["import", "tum", "{tmp}", "--intrinsics", "1,1,1,1", "-o", "{tmp}/y.mcap"], "depth.txt"),
+        (["demo", "--seconds", "0"], "0.2 to 3600 s"),
+        (["demo", "--seed", "-1"], "seed"),
+    ],
+)
+def test_unusable_input_is_one_line_and_exit_2(
+    arguments: list[str],
+    words: str,
+    recording: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = set(tmp_path.rglob("*"))
+    capsys.readouterr()
+    filled = [a.format(recording=recording, tmp=tmp_path) for a in arguments]
+    assert cli.main(filled) == _UNUSABLE
+    error = capsys.readouterr().err.strip()
+    assert len(error.splitlines()) == 1
+    assert words in error
+    assert set(tmp_path.rglob("*")) <= before | {tmp_path / "terravibe-demo"}
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [[], ["nonsense"], ["map"], ["import", "tum", "x", "--intrinsics", "1,2", "-o", "y"]],
+)
+def test_wrong_usage_is_one_line_and_exit_2(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(arguments)
+    assert stop.value.code == _UNUSABLE
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_shadowed_room_is_refused(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import drivers
+
+    monkeypatch.setattr(drivers, "DISTRIBUTION", "somebody-elses")
+    assert cli.main(["--help"]) == _UNUSABLE
+    assert "another distribution" in capsys.readouterr().err
+
+
+def test_rooms_never_import_the_command_line_nor_print() -> None:
+    for room in ("drivers", "acquisition", "mapping", "simulation"):
+        for path in (_ROOT / room).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.Import):
+                    assert "cli" not in [alias.name for alias in node.names], path
+                if isinstance(node, ast.ImportFrom):
+                    assert node.module != "cli", path
+                if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                    assert node.func.id != "print", path
