@@ -32,6 +32,16 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def refuse_same_file(path: Path, other: Path) -> None:
+    """Refuse to use one file as two.
+
+    Raises:
+        StreamError: both names lead to the same file.
+    """
+    if path.exists() and other.exists() and path.samefile(other):
+        raise StreamError(f"{other} and {path} are the same file; give another name")
+
+
 def check_target(path: Path) -> None:
     """Refuse a product that could not be written, before the work for it begins.
 

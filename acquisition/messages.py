@@ -14,6 +14,8 @@ from typing import Any
 
 from rosbags.serde import SerdeError
 
+from acquisition.clock_messages import CLOCK_TYPE, decode_clock, encode_clock
+from acquisition.clock_sample import ClockSample
 from acquisition.companions import Companion
 from acquisition.depth_messages import (
     TICKS_TYPE,
@@ -67,8 +69,8 @@ from drivers.samples import (
     YawRateSample,
 )
 
-Record = DepthImage | CameraInfo | Companion | Sample | StaticTransforms
-Recordable = Sample | StaticTransforms
+Record = DepthImage | CameraInfo | Companion | Sample | StaticTransforms | ClockSample
+Recordable = Sample | StaticTransforms | ClockSample
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +146,7 @@ def decode(row: MessageType, cdr: bytes, *, log_time_ns: int, sequence: int) -> 
         raise StreamError(f"bad message on {row.topic} at {log_time_ns} ns: {reason}") from error
 
 
-def checked_sequence(sample: Sample) -> int:
+def checked_sequence(sample: Sample | ClockSample) -> int:
     """Return the sample's sequence number.
 
     Raises:
@@ -201,6 +203,7 @@ MESSAGE_TYPES: tuple[MessageType, ...] = (
         encode_twist,
         decode_twist,
     ),
+    MessageType("/clock", CLOCK_TYPE, ClockSample, encode_clock, decode_clock),
 )
 
 _BY_TOPIC_AND_TYPE = {(row.topic, row.ros_type): row for row in MESSAGE_TYPES}

@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from acquisition import messages
 from acquisition.byte_source import ByteSource
+from acquisition.clock_sample import ClockSample
 from acquisition.companions import Companion, Companions
 from acquisition.container import Container, RecordedMessage
 from acquisition.depth_messages import CameraInfo, DepthImage
@@ -37,7 +38,7 @@ class StreamMessage:
 
     log_time_ns: int
     topic: str
-    sample: Sample | StaticTransforms
+    sample: Sample | StaticTransforms | ClockSample
     sequence: int
 
 
@@ -47,7 +48,7 @@ class _Waiting:
 
     log_time_ns: int
     topic: str
-    content: DepthImage | Sample
+    content: DepthImage | Sample | ClockSample
     sequence: int
 
 

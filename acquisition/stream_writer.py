@@ -12,6 +12,7 @@ from mcap.records import Channel, Schema
 from mcap.writer import Writer
 
 from acquisition import messages
+from acquisition.clock_sample import ClockSample
 from acquisition.errors import StreamError
 from acquisition.frames import StaticTransform, StaticTransforms
 from acquisition.provenance import METADATA_NAME, provenance, software_versions
@@ -82,7 +83,7 @@ class StreamWriter:
         channels: dict[str, int] = {}
         schemas: dict[str, int] = {}
         builder = RecordBuilder()
-        for row in messages.types_of([StaticTransforms, *self._types]):
+        for row in messages.types_of([StaticTransforms, ClockSample, *self._types]):
             text = messages.schema_text(row.ros_type).encode()
             if row.ros_type not in schemas:
                 schema_id = self._writer.register_schema(row.ros_type, "ros2msg", text)
@@ -95,11 +96,11 @@ class StreamWriter:
         self._output.write(builder.end())
         return channels
 
-    def write(self, sample: Sample, log_time_ns: int | None = None) -> None:
+    def write(self, sample: Sample | ClockSample, log_time_ns: int | None = None) -> None:
         """Append a sample.
 
         Args:
-            sample: of a type that one of the sources produces.
+            sample: of a type that one of the sources produces, or of a clock.
             log_time_ns: the time by which the stream is ordered and flushed; without it, the
                 sample's own time.
 
@@ -109,7 +110,7 @@ class StreamWriter:
         """
         if self._closed or self._output.failed:
             raise StreamError(f"cannot write {self._output.name}: it is closed or has failed")
-        if type(sample) not in self._types:
+        if type(sample) not in self._types and not isinstance(sample, ClockSample):
             raise StreamError(f"no source of this recording produces {type(sample).__name__}")
         log_time_ns = sample.t_ns if log_time_ns is None else log_time_ns
         if not 0 <= log_time_ns <= _MAX_LOG_TIME_NS:

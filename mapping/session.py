@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from acquisition.clock_sample import ClockSample
 from acquisition.provenance import METADATA_NAME
 from acquisition.read_report import ReadReport
 from acquisition.stream_reader import StreamMessage, StreamReader
@@ -60,7 +61,8 @@ def map_stream(
     mapper: Mapper | None = None
     for message in reader:
         mapper = mapper or _mapper_for(options, reader.metadata)
-        mapper.add(message.sample)
+        if not isinstance(message.sample, ClockSample):
+            mapper.add(message.sample)
         progress(message)
     mapper = mapper or _mapper_for(options, reader.metadata)
     mapper.finish()

@@ -19,7 +19,7 @@ from acquisition.frames import StaticTransform, StaticTransforms
 from acquisition.messages import MESSAGE_TYPES, MessageType, typestore
 from drivers.samples import AccelerationSample, CameraIntrinsics, DepthFrame, PoseSample
 from tests.fakes.device_samples import can_frame, vibration, wheel_twist, with_ticks, yaw_rate
-from tests.fakes.recordings import MOUNT, acceleration, depth_frame, pose, same
+from tests.fakes.recordings import MOUNT, acceleration, clock_sample, depth_frame, pose, same
 
 T_NS = 1_234_567_890_123_456_789
 EXAMPLES: dict[str, messages.Recordable] = {
@@ -28,6 +28,7 @@ EXAMPLES: dict[str, messages.Recordable] = {
     "/depth/image": depth_frame(5, T_NS),
     "/mocap/pose": pose(5, T_NS),
     "/acceleration": acceleration(5, T_NS),
+    "/clock": clock_sample(5, T_NS),
     "/vibration": vibration(5, T_NS),
     "/gyro": yaw_rate(5, T_NS),
     "/gyro/raw": yaw_rate(5, T_NS),

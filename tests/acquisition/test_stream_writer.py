@@ -51,8 +51,8 @@ def test_provenance_then_definitions_then_the_first_chunk() -> None:
     kinds = [type(record) for record in records(recording([depth_frame(0)]))]
     first_chunk = kinds.index(Chunk)
     assert kinds.index(Metadata) == 1
-    assert kinds[2:first_chunk].count(Schema) == 6
-    assert kinds[2:first_chunk].count(Channel) == 6
+    assert kinds[2:first_chunk].count(Schema) == 7
+    assert kinds[2:first_chunk].count(Channel) == 7
 
 
 def test_static_transforms_come_first_at_the_time_of_the_first_sample() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from acquisition.byte_source import Pipe
+from acquisition.clock_sample import ClockSample
 from acquisition.frames import (
     DEPTH_OPTICAL_FRAME,
     MOCAP_BODY_FRAME,
@@ -65,6 +66,24 @@ def acceleration(number: int, t_ns: int = START_NS) -> AccelerationSample:
     return AccelerationSample(t_ns, frozen_array((number * 0.01, 0.0, 9.81), (3,)), number)
 
 
+def clock_sample(number: int, t_ns: int = START_NS) -> ClockSample:
+    """Return a sample of a device's clock whose ticks tell its number."""
+    return ClockSample(
+        t_ns=t_ns,
+        source="kinect",
+        host_monotonic_ns=5_000_000_000 + number,
+        host_raw_ns=4_999_000_000 + number,
+        host_real_ns=t_ns + 7,
+        boot_id="8d0f4c2e",
+        offset_ns=-number,
+        skew_ppm=-39.5,
+        device_ticks=2**63 + number,
+        event="device_step" if number % 2 else "",
+        event_ns=-1000 * number,
+        sequence=number,
+    )
+
+
 def samples(seconds: float) -> list[Sample]:
     """Return depth at 30 Hz, poses at 100 Hz and accelerations at 200 Hz, in time order."""
     end_ns = START_NS + int(seconds * 1e9)
@@ -78,7 +97,9 @@ def samples(seconds: float) -> list[Sample]:
     return sorted(made, key=lambda sample: sample.t_ns)
 
 
-def recording(content: Sequence[Sample], source: SourceInfo = SOURCE, **options: Any) -> bytes:
+def recording(
+    content: Sequence[Sample | ClockSample], source: SourceInfo = SOURCE, **options: Any
+) -> bytes:
     """Return the bytes of a recording of those samples."""
     stream = io.BytesIO()
     with StreamWriter(
@@ -94,7 +115,9 @@ def reader_of(data: bytes, **options: Any) -> StreamReader:
     return StreamReader(Pipe(io.BytesIO(data), "test"), **options)
 
 
-def same(a: Sample | StaticTransforms, b: Sample | StaticTransforms) -> bool:
+def same(
+    a: Sample | StaticTransforms | ClockSample, b: Sample | StaticTransforms | ClockSample
+) -> bool:
     """Tell whether two samples are equal bit for bit."""
     return type(a) is type(b) and bits(a) == bits(b)
 
