@@ -26,6 +26,7 @@ from acquisition.depth_messages import (
     encode_camera,
     encode_depth,
 )
+from acquisition.diagnostics import Diagnostics, decode_diagnostics, encode_diagnostics
 from acquisition.errors import StreamError
 from acquisition.frames import StaticTransforms
 from acquisition.motion_messages import (
@@ -41,8 +42,8 @@ from drivers.samples import AccelerationSample, DepthFrame, PoseSample, Sample
 _MAX_SEQUENCE = 2**32 - 1  # the MCAP message record holds a uint32
 
 
-Record = DepthImage | CameraInfo | PoseSample | AccelerationSample | StaticTransforms
-Recordable = Sample | StaticTransforms
+Record = DepthImage | CameraInfo | PoseSample | AccelerationSample | StaticTransforms | Diagnostics
+Recordable = Sample | StaticTransforms | Diagnostics
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,12 +120,14 @@ def decode(row: MessageType, cdr: bytes, *, log_time_ns: int, sequence: int) -> 
         raise StreamError(f"bad message on {row.topic} at {log_time_ns} ns: {reason}") from error
 
 
-def checked_sequence(sample: Sample) -> int:
-    """Return the sample's sequence number.
+def checked_sequence(sample: Recordable) -> int:
+    """Return the sample's sequence number; 0 for what has none.
 
     Raises:
         StreamError: it does not fit the 32 bits that the stream has for it.
     """
+    if isinstance(sample, StaticTransforms | Diagnostics):
+        return 0
     if not 0 <= sample.sequence <= _MAX_SEQUENCE:
         raise StreamError(
             f"{type(sample).__name__} has sequence {sample.sequence}; expected 0 to 2^32-1"
@@ -162,6 +165,13 @@ MESSAGE_TYPES: tuple[MessageType, ...] = (
         AccelerationSample,
         encode_acceleration,
         decode_acceleration,
+    ),
+    MessageType(
+        "/diagnostics",
+        "diagnostic_msgs/msg/DiagnosticArray",
+        Diagnostics,
+        encode_diagnostics,
+        decode_diagnostics,
     ),
 )
 

@@ -12,11 +12,13 @@ from acquisition.byte_source import ByteSource
 from acquisition.container import Container, RecordedMessage
 from acquisition.depth_messages import CameraInfo, DepthImage
 from acquisition.depth_pairing import DepthPairing
+from acquisition.diagnostics import Diagnostics
 from acquisition.frames import StaticTransforms
 from acquisition.framing import MAX_RECORD_BYTES
+from acquisition.messages import Recordable
 from acquisition.read_report import ReadReport
 from acquisition.reorder import ReorderBuffer
-from drivers.samples import AccelerationSample, PoseSample, Sample
+from drivers.samples import AccelerationSample, PoseSample
 
 REORDER_WINDOW_NS = 500_000_000
 _NO_TOPICS: Mapping[str, str] = MappingProxyType({})
@@ -35,7 +37,7 @@ class StreamMessage:
 
     log_time_ns: int
     topic: str
-    sample: Sample | StaticTransforms
+    sample: Recordable
     sequence: int
 
 
@@ -45,7 +47,7 @@ class _Waiting:
 
     log_time_ns: int
     topic: str
-    content: DepthImage | PoseSample | AccelerationSample
+    content: DepthImage | PoseSample | AccelerationSample | Diagnostics
     sequence: int
 
 

@@ -9,7 +9,8 @@ from collections import deque
 from dataclasses import dataclass
 
 from acquisition.frames import DEPTH_OPTICAL_FRAME, MOCAP_BODY_FRAME, StaticTransforms
-from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample, Sample
+from acquisition.messages import Recordable
+from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
 from mapping.elevation_map import ElevationMap, read_out
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
@@ -67,7 +68,7 @@ class Mapper:
         self._waiting: deque[DepthFrame] = deque()
         self._reducer: FrameReducer | None = None
 
-    def add(self, sample: Sample | StaticTransforms) -> None:
+    def add(self, sample: Recordable) -> None:
         """Take the next sample of the stream; others than depth, pose and mounts are ignored.
 
         Raises:
