@@ -89,6 +89,11 @@ class StreamWriter:
         """Length of the stream so far, the chunk in progress not included."""
         return self._output.tell()
 
+    @property
+    def failed(self) -> bool:
+        """Whether the output refused something, so that nothing more can be written."""
+        return self._output.failed
+
     def _define_channels(self, types: Sequence[type[Recordable]]) -> None:
         """Register the channels of these types and write their definitions at top level."""
         builder = RecordBuilder()
