@@ -79,7 +79,7 @@ def _streams(lane: Lane, duration_s: float, state: OutputState) -> tuple[StreamH
     return tuple(
         StreamHealth(
             # A depth frame is written as camera and image; the image is what it is known by.
-            topic=messages.types_of([kind])[-1].topic,
+            topic=messages.rows_of(kind)[-1].topic,
             statistics=statistics,
             size_bytes=state.bytes_by_type[kind],
             refused=state.refused[kind],

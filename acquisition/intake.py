@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 from acquisition.messages import Recordable
 from acquisition.recorder_clock import Clock
@@ -12,8 +13,7 @@ from acquisition.stream_track import StreamStatistics, StreamTrack
 from drivers.samples import Sample
 
 
-@dataclass(frozen=True, slots=True)
-class Stamped:
+class Stamped(NamedTuple):
     """Something to be written, and the time by which the stream is ordered."""
 
     log_time_ns: int

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from threading import Lock
+from typing import NamedTuple
 
 from drivers.samples import DepthFrame, Sample
 from drivers.source import SourceInfo
@@ -13,8 +14,7 @@ from drivers.source import SourceInfo
 SMALL_SAMPLE_BYTES = 1024
 
 
-@dataclass(frozen=True, slots=True)
-class Batch:
+class Batch(NamedTuple):
     """What one read of a source gave.
 
     Attributes:
@@ -25,7 +25,7 @@ class Batch:
     """
 
     info: SourceInfo
-    samples: tuple[Sample, ...]
+    samples: Sequence[Sample]
     dropped_before: int
     reopened: bool
 
@@ -79,18 +79,24 @@ class SampleQueue:
             if kept or reopened:
                 self._batches.append(Batch(info, kept, self._dropped_untold, reopened))
                 self._dropped_untold = 0
-            self._samples += len(kept)
-            self._dropped += len(samples) - len(kept)
-            self._dropped_untold += len(samples) - len(kept)
-            self._highest_bytes = max(self._highest_bytes, self._size_bytes)
+            lost = len(samples) - len(kept)
+            self._dropped += lost
+            self._dropped_untold += lost
 
-    def _that_fit(self, samples: Sequence[Sample]) -> tuple[Sample, ...]:
-        for number, sample in enumerate(samples):
-            size_bytes = size_in_memory(sample)
-            if self._size_bytes + size_bytes > self._limit_bytes:
-                return tuple(samples[:number])
-            self._size_bytes += size_bytes
-        return tuple(samples)
+    def _that_fit(self, samples: Sequence[Sample]) -> Sequence[Sample]:
+        """Return the first of them that find room, and count them as waiting."""
+        size_bytes = kept = 0
+        room_bytes = self._limit_bytes - self._size_bytes
+        for sample in samples:
+            size_bytes += size_in_memory(sample)
+            if size_bytes > room_bytes:
+                size_bytes -= size_in_memory(sample)
+                break
+            kept += 1
+        self._samples += kept
+        self._size_bytes += size_bytes
+        self._highest_bytes = max(self._highest_bytes, self._size_bytes)
+        return samples if kept == len(samples) else samples[:kept]
 
     def take(self) -> list[Batch]:
         """Return everything that waits; called by the writing thread."""

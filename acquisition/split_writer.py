@@ -175,13 +175,14 @@ class SplitWriter:
         Raises:
             StreamError: the output failed, and there is no other place to go on.
         """
+        sizes = self.bytes_by_type
         for item in items:
-            self.bytes_by_type[type(item.record)] += self._append(item)
+            sizes[type(item.record)] += self._append(item)
         self._flush()
 
     def _append(self, item: Stamped) -> int:
         """Write an item to the chunk in progress; return its size, 0 when it was refused."""
-        if self._is_full(item.log_time_ns):
+        if self._limits is not NO_LIMITS and self._is_full(item.log_time_ns):
             self._flush()
             self.begin_part()
         part = self._part

@@ -64,7 +64,7 @@ class StreamWriter:
         """
         self._sources = list(sources)
         self._settings = settings
-        self._types: list[type[Recordable]] = [*extra_types, *_sample_types(sources)]
+        self._types: set[type[Recordable]] = {*extra_types, *_sample_types(sources)}
         record = provenance(sources, settings)
         self._transforms = tuple(static_transforms)
         self._flush_interval_ns = flush_interval_ns
@@ -121,7 +121,7 @@ class StreamWriter:
         self._writer.add_metadata(METADATA_NAME, provenance(sources, self._settings))
         self._define_channels(info.produces)
         self._sources = sources
-        self._types += info.produces
+        self._types.update(info.produces)
 
     def add_metadata(self, name: str, record: Mapping[str, str]) -> None:
         """Write a metadata record; a reader keeps the last one of each name.
@@ -159,11 +159,11 @@ class StreamWriter:
         if self._flushed_at_ns is None:
             self._write_transforms(log_time_ns)
             self._flushed_at_ns = log_time_ns
-        self._append(encoded, sample.t_ns, log_time_ns, sequence)
+        size_bytes = self._append(encoded, sample.t_ns, log_time_ns, sequence)
         if log_time_ns - self._flushed_at_ns >= self._flush_interval_ns:
             self.flush()
             self._flushed_at_ns = log_time_ns
-        return sum(len(message.cdr) for message in encoded)
+        return size_bytes
 
     def _write_transforms(self, log_time_ns: int) -> None:
         if self._transforms:
@@ -176,8 +176,10 @@ class StreamWriter:
         publish_time_ns: int,
         log_time_ns: int,
         sequence: int,
-    ) -> None:
+    ) -> int:
+        size_bytes = 0
         for message in encoded:
+            size_bytes += len(message.cdr)
             self._writer.add_message(
                 channel_id=self._channels[message.topic],
                 log_time=log_time_ns,
@@ -185,6 +187,7 @@ class StreamWriter:
                 publish_time=publish_time_ns,
                 sequence=sequence,
             )
+        return size_bytes
 
     def flush(self) -> None:
         """Close the chunk in progress and hand it to the operating system.
