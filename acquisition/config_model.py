@@ -33,7 +33,7 @@ class RecordingSection(_Strict):
     flush_ms: Annotated[int, Field(ge=5, le=10_000)] = 50
     sync_s: Annotated[float, Field(ge=0.1, le=3600.0)] = 1.0
     split_mb: Annotated[int, Field(ge=0)] = 0
-    split_s: _NotNegative = 900.0
+    split_s: _NotNegative = 300.0
     ring_s: _NotNegative = 0.0
     ring_memory_mb: _Count = 512
     disk_reserve_mb: Annotated[int, Field(ge=0)] = 500

@@ -29,6 +29,7 @@ from acquisition.folder_store import DiskSettings
 from acquisition.recorder import Recorder
 from acquisition.recording_plan import RecordingPlan, RecordingResult
 from acquisition.source_worker import WorkerSettings
+from acquisition.split_writer import PartLimits
 from benchmarks.load import add_stand_ins, sources
 from tests.fakes.paced_source import PacedSource
 
@@ -43,12 +44,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=_Raw)
     parser.add_argument("--seconds", type=float, default=600.0, help="default 600")
     parser.add_argument("--priority", type=int, default=0, help="SCHED_FIFO priority of the fakes")
+    parser.add_argument("--split", type=float, default=300.0, help="part length, s; default 300")
     parser.add_argument("--folder", type=Path, help="where to record; default: a temporary folder")
     parser.add_argument("--json", type=Path, help="file for the figures")
     arguments = parser.parse_args()
     add_stand_ins()
     with tempfile.TemporaryDirectory(dir=arguments.folder) as folder:
-        figures = measure(Path(folder), arguments.seconds, arguments.priority)
+        figures = measure(Path(folder), arguments)
     for name, value in figures.items():
         print(f"{name:34} {value}")
     if arguments.json:
@@ -59,25 +61,26 @@ class _Raw(argparse.RawDescriptionHelpFormatter):
     pass
 
 
-def measure(folder: Path, seconds: float, priority: int) -> dict[str, object]:
+def measure(folder: Path, arguments: argparse.Namespace) -> dict[str, object]:
     """Return every figure, by name."""
+    seconds: float = arguments.seconds
     fakes_s = _cpu_of_fakes(min(10.0, seconds / 4))
     devices = sources()
-    path = folder / "load.mcap"
     memory = _Memory()
-    result, process_s = _record(path, devices, seconds, priority, memory)
-    bare_s, recorded_s = _bare(path, folder / "bare.mcap")
-    serialise_s = _serialise(path)
+    result, process_s = _record(folder / "load.mcap", devices, arguments, memory)
+    bare_s, recorded_s = _bare(result.files[0], folder / "bare.mcap")
+    serialise_s = _serialise(result.files[0])
     cost_s = process_s - fakes_s
     return {
         "seconds": seconds,
         "outcome": result.outcome,
+        "parts": len(result.files),
         "samples": sum(device.given for device in devices),
         "dropped": sum(source.queue.dropped for source in result.health.sources),
         "unwritten": result.unwritten,
         "missed": _missed(result),
         "highest_queue_mb": max(s.queue.highest_bytes for s in result.health.sources) / 1e6,
-        "file_mb_per_s": path.stat().st_size / 1e6 / seconds,
+        "file_mb_per_s": round(result.health.bytes_written / 1e6 / seconds, 2),
         "process_cpu_s_per_s": round(process_s, 4),
         "fakes_cpu_s_per_s": round(fakes_s, 4),
         "recorder_cpu_s_per_s": round(cost_s, 4),
@@ -101,11 +104,13 @@ def _missed(result: RecordingResult) -> int:
 
 
 def _record(
-    path: Path, devices: list[PacedSource], seconds: float, priority: int, memory: _Memory
+    path: Path, devices: list[PacedSource], arguments: argparse.Namespace, memory: _Memory
 ) -> tuple[RecordingResult, float]:
     """Record; return how it went, and CPU seconds for each second."""
-    plan = RecordingPlan(worker=WorkerSettings(realtime_priority=priority))
-    recorder = Recorder(devices, DiskOutput(path, DiskSettings()), plan)
+    seconds: float = arguments.seconds
+    plan = RecordingPlan(worker=WorkerSettings(realtime_priority=arguments.priority))
+    limits = PartLimits(duration_ns=int(arguments.split * 1e9))
+    recorder = Recorder(devices, DiskOutput(path, DiskSettings(limits=limits)), plan)
     recorder.preflight()
     stop = threading.Event()
     timer = threading.Timer(seconds, stop.set)
