@@ -79,6 +79,7 @@ def typestore() -> Typestore:
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
+@cache
 def schema_text(ros_type: str) -> str:
     """Return the ros2msg definition of a type, its parts included."""
     return typestore().generate_msgdef(ros_type, ros_version=2)[0]

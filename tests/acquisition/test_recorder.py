@@ -6,7 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import count
+from itertools import chain, count, repeat
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -21,13 +21,18 @@ from acquisition.errors import RecorderError, StreamError
 from acquisition.folder_store import DiskSettings
 from acquisition.health import HealthSnapshot
 from acquisition.inspection import check
+from acquisition.parts import read_parts
+from acquisition.preflight import preflight, stop_all, try_all
 from acquisition.recorder import Recorder
 from acquisition.recording_plan import RecordingPlan, RecordingResult
-from acquisition.source_worker import WorkerSettings
+from acquisition.ring_output import RingOutput, RingSettings
+from acquisition.source_worker import SourceWorker, WorkerSettings
 from acquisition.split_writer import STATISTICS_NAME
 from acquisition.stream_reader import StreamMessage, StreamReader
 from drivers.errors import DriverError
 from drivers.samples import AccelerationSample, DepthFrame, PoseSample, Sample
+from drivers.source import SourceInfo
+from tests.acquisition.test_stream_writer import files_may_grow_to
 from tests.fakes.recordings import MOUNT, START_NS, acceleration, depth_frame, pose
 from tests.fakes.scripted_source import ScriptedSource, Step
 
@@ -305,3 +310,88 @@ def test_the_heartbeat_gets_every_snapshot(tmp_path: Path) -> None:
 
     recorder.run(stop, beat)
     assert len(seen) >= 3
+
+
+def test_a_full_disk_ends_the_recording_well_and_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "r.mcap"
+    free = chain([10**9] * 4, repeat(0))
+    full = DiskOutput(path, DiskSettings(reserve_bytes=10**6), free=lambda _: next(free))
+    imu = ScriptedSource("imu", accelerations(0, 50), goes_on=True)
+    result = Recorder([imu], full, QUICK, SecondsClock()).run(Event())
+    assert result.outcome == "output_failed"
+    assert "0 MB left, the reserve is 1 MB" in result.message
+    assert result.files == (path,)
+    messages, metadata = read(path)
+    assert len(of_type(messages, AccelerationSample)) + result.unwritten == 50
+    assert STATISTICS_NAME in metadata
+
+
+def test_a_disk_that_fails_counts_what_was_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "r.mcap"
+    script = [[acceleration(i, i * MS) for i in range(100 * k, 100 * k + 100)] for k in range(200)]
+    imu = ScriptedSource("imu", script)
+    with files_may_grow_to(60_000):
+        result = record(path, [imu])
+    assert result.outcome == "output_failed"
+    assert "File too large" in result.message
+    with FinishedFile(path) as file:
+        reader = StreamReader(file)
+        flushed = of_type(list(reader), AccelerationSample)
+    assert (reader.report.truncated_bytes, reader.report.damaged) == (0, ())
+    (stream,) = result.health.sources[0].streams
+    told = stream.statistics.samples + result.health.sources[0].queue.samples
+    assert 100 < len(flushed) < told
+    assert [s.sequence for s in flushed] == list(range(len(flushed)))
+    # Diagnostics may be among what was not written, so the samples are at most as many.
+    assert told - len(flushed) <= result.unwritten <= told - len(flushed) + 1
+
+
+def test_the_ring_writes_what_came_before_the_trigger(tmp_path: Path) -> None:
+    ring = RingOutput(tmp_path / "r.mcap", RingSettings(60 * 10**9, reserve_bytes=0))
+    stop = Event()
+    imu = ScriptedSource("imu", [*accelerations(0, 30), ring.trigger, stop.set], goes_on=True)
+    result = Recorder([imu], ring, QUICK, FixedClock()).run(stop)
+    assert result.outcome == "stopped"
+    found = [message.sample for message in read_parts(result.files)]
+    assert [s.sequence for s in found if isinstance(s, AccelerationSample)] == list(range(30))
+    assert result.files[0].name == "r_snap000_000.mcap"
+
+
+def test_preflight_reports_every_source_and_closes_it() -> None:
+    sources = [
+        ScriptedSource("imu", []),
+        tracker([], opens=[DriverError("tracker: no server at 10.0.0.1; is it on?")]),
+    ]
+    report = preflight(sources)
+    assert report.describe() == [
+        "ready imu: script imu-1",
+        "missing tracker: no server at 10.0.0.1; is it on?",
+    ]
+    assert [check.name for check in report.missing] == ["tracker"]
+    assert sources[0].closed >= 1
+
+
+def test_preflight_does_not_wait_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    released = Event()
+    imu = ScriptedSource("imu", [])
+    info = imu.open()
+
+    def hang() -> SourceInfo:
+        released.wait(10.0)
+        return info
+
+    monkeypatch.setattr(imu, "open", hang)
+    workers = [SourceWorker(imu, FixedClock(), WorkerSettings())]
+    report = try_all(workers, 0.02)
+    released.set()
+    assert report.describe() == ["missing imu: no answer within 0.02 s"]
+    assert stop_all(workers, 5.0) == []
+
+
+def test_a_recorder_that_was_only_checked_is_closed(tmp_path: Path) -> None:
+    imu = ScriptedSource("imu", [])
+    recorder = Recorder([imu], output(tmp_path / "r.mcap"))
+    recorder.preflight()
+    recorder.close()
+    assert imu.closed >= 1
+    assert not list(tmp_path.iterdir())
