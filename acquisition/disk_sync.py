@@ -39,6 +39,11 @@ class DiskSync:
                 self._finished.append(self._current)
             self._current = path
 
+    def forget(self) -> None:
+        """Leave the current file alone: it has been removed."""
+        with self._lock:
+            self._current = None
+
     def close(self) -> None:
         """Synchronise everything a last time and end the thread."""
         self._stop.set()
@@ -53,10 +58,14 @@ class DiskSync:
         with self._lock:
             paths = [*self._finished, *([self._current] if self._current else [])]
             self._finished.clear()
-        try:
-            for path in paths:
-                synchronise(path, os.O_RDONLY)
-                synchronise(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-            self.error = ""
-        except OSError as error:
-            self.error = f"cannot synchronise {error.filename or 'the recording'}: {error.strerror}"
+        self.error = "; ".join(filter(None, map(_problem, paths)))
+
+
+def _problem(path: Path) -> str:
+    """Synchronise a file and its name in the folder; return why that failed, or ""."""
+    try:
+        synchronise(path, os.O_RDONLY)
+        synchronise(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        return f"cannot synchronise {path}: {error.strerror}"
+    return ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -100,12 +101,16 @@ class FolderStore:
     def finished(self, first_ns: int, last_ns: int) -> None:
         """A part on disk needs no further care."""
 
-    def failed(self, error: StreamError) -> None:
-        """Leave the folder.
+    def failed(self, error: StreamError, *, empty: bool) -> None:
+        """Leave the folder, and nothing in it that holds no message.
 
         Raises:
             OutputEndedError: it was the last one.
         """
+        if empty:
+            self.sync.forget()
+            with suppress(OSError):  # the folder may be gone altogether
+                self.files.pop().unlink()
         self._leave(str(error))
 
     def _leave(self, reason: str) -> None:

@@ -96,7 +96,7 @@ class Recorder:
 
         Args:
             stop: may be set from any thread and from a signal handler.
-            heartbeat: called once a second in the recording thread; must not block.
+            heartbeat: called once a second in the recording thread; must neither block nor raise.
 
         Raises:
             RecorderError: sources are missing that are required, or all of them.

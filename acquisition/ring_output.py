@@ -77,7 +77,7 @@ class _MemoryStore:
     def size_bytes(self) -> int:
         return sum(len(part.data) for part in self.parts)
 
-    def failed(self, error: StreamError) -> None:
+    def failed(self, error: StreamError, *, empty: bool) -> None:  # noqa: ARG002 - of `PartStore`
         raise error
 
     def take(self) -> list[bytes]:

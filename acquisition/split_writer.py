@@ -73,8 +73,16 @@ class PartStore(Protocol):
     def finished(self, first_ns: int, last_ns: int) -> None:
         """Take note that the part is complete, from the first to the last log time."""
 
-    def failed(self, error: StreamError) -> None:
-        """Take note that the part could not be continued; its place is not to be used again."""
+    def failed(self, error: StreamError, *, empty: bool) -> None:
+        """Take note that the part could not be continued; its place is not to be used again.
+
+        Args:
+            error: why.
+            empty: nothing is in it.
+
+        Raises:
+            StreamError: there is no other place.
+        """
 
 
 @dataclass(slots=True)
@@ -152,7 +160,7 @@ class SplitWriter:
                 identity = {"recording": self._head.recording, "part": str(self._number)}
                 writer.add_metadata(PART_NAME, identity)
             except StreamError as error:
-                self._store.failed(error)
+                self._store.failed(error, empty=True)
                 continue
             self._number += 1
             self._between_parts = False
@@ -228,7 +236,7 @@ class SplitWriter:
     def _close_failed(self, error: StreamError) -> None:
         self._leave_part()
         self._part.writer.close()
-        self._store.failed(error)
+        self._store.failed(error, empty=self._part.flushed == 0)
 
     def begin_part(self) -> None:
         """End the part with its statistics and index, and begin another.

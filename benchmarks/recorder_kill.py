@@ -22,6 +22,7 @@ from acquisition.container import Container
 from benchmarks.recorder_victim import SLOT, SOURCES
 
 BAR_MS = 100.0
+_ROOT = Path(__file__).resolve().parents[1]
 
 
 def main() -> None:
@@ -59,7 +60,7 @@ def kill_once(folder: Path, number: int, after_s: float) -> float:
     out, stamps = folder / f"{number}.mcap", folder / f"{number}.stamps"
     stamps.write_bytes(bytes(SLOT.size * SOURCES))
     command = [sys.executable, "-m", "benchmarks.recorder_victim", str(out), str(stamps)]
-    with subprocess.Popen(command) as victim:
+    with subprocess.Popen(command, cwd=_ROOT) as victim:
         while not all(last_stamps(stamps)) and victim.poll() is None:
             time.sleep(0.005)
         time.sleep(after_s)

@@ -233,3 +233,13 @@ def test_a_late_source_is_in_every_later_part(tmp_path: Path) -> None:
         with Reader(path) as bag:
             assert "/mocap/pose" in {connection.topic for connection in bag.connections}
     assert [type(sample) for sample in content_of(files)].count(DepthFrame) == 0
+
+
+def test_a_place_that_takes_not_even_the_head_is_left_without_a_trace(tmp_path: Path) -> None:
+    other = tmp_path / "stick"
+    other.mkdir()
+    output = DiskOutput(tmp_path / "r.mcap", settings(NO_LIMITS, other))
+    with files_may_grow_to(10), pytest.raises(OutputEndedError, match="File too large"):
+        output.start(head())
+    assert output.close() == ()
+    assert [path.name for path in tmp_path.rglob("*")] == ["stick"]

@@ -40,3 +40,11 @@ def test_a_disk_that_refuses_is_told_and_does_not_end_the_thread(tmp_path: Path)
     sync.close()
     assert "cannot synchronise" in sync.error
     assert "gone: No such file" in sync.error
+
+
+def test_a_file_that_was_removed_is_no_problem(tmp_path: Path) -> None:
+    sync = DiskSync(60.0)
+    sync.follow(tmp_path / "gone")
+    sync.forget()
+    sync.close()
+    assert sync.error == ""
