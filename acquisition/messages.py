@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 from rosbags.serde import SerdeError
 
@@ -28,6 +29,7 @@ from acquisition.depth_messages import (
     encode_depth,
     encode_ticks,
 )
+from acquisition.diagnostics import Diagnostics, decode_diagnostics, encode_diagnostics
 from acquisition.errors import StreamError
 from acquisition.frames import StaticTransforms
 from acquisition.gyro_messages import (
@@ -69,8 +71,9 @@ from drivers.samples import (
     YawRateSample,
 )
 
-Record = DepthImage | CameraInfo | Companion | Sample | StaticTransforms | ClockSample
-Recordable = Sample | StaticTransforms | ClockSample
+Record = DepthImage | CameraInfo | Companion | Sample | StaticTransforms | ClockSample | Diagnostics
+Recordable = Sample | StaticTransforms | ClockSample | Diagnostics
+_UNNUMBERED = (StaticTransforms, Diagnostics)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,14 +96,14 @@ class MessageType:
     decode: Callable[[Any, int], Record]
 
 
-@dataclass(frozen=True, slots=True)
-class EncodedMessage:
+class EncodedMessage(NamedTuple):
     """A message ready to be written: its topic and its CDR bytes."""
 
     topic: str
     cdr: bytes
 
 
+@cache
 def schema_text(ros_type: str) -> str:
     """Return the ros2msg definition of a type, its parts included."""
     return typestore().generate_msgdef(ros_type, ros_version=2)[0]
@@ -111,6 +114,13 @@ def types_of(sample_types: Sequence[type[Recordable]]) -> list[MessageType]:
     return [row for row in MESSAGE_TYPES if row.sample_type in sample_types]
 
 
+def rows_of(kind: type[Recordable]) -> Sequence[MessageType]:
+    """Return the rows that one sample type is written as; the same as `types_of`, but quick."""
+    if kind not in _BY_SAMPLE_TYPE:
+        _BY_SAMPLE_TYPE[kind] = types_of([kind])
+    return _BY_SAMPLE_TYPE[kind]
+
+
 def encode(sample: Recordable) -> list[EncodedMessage]:
     """Return the messages that stand for one sample, in the order to be written.
 
@@ -118,7 +128,7 @@ def encode(sample: Recordable) -> list[EncodedMessage]:
         StreamError: the sample cannot be told as a message (time or sequence out of range,
             not finite, wrong shape); names the topic and the time.
     """
-    encoded = [_serialise(row, sample) for row in types_of([type(sample)])]
+    encoded = [_serialise(row, sample) for row in rows_of(type(sample))]
     return [message for message in encoded if message is not None]
 
 
@@ -146,12 +156,14 @@ def decode(row: MessageType, cdr: bytes, *, log_time_ns: int, sequence: int) -> 
         raise StreamError(f"bad message on {row.topic} at {log_time_ns} ns: {reason}") from error
 
 
-def checked_sequence(sample: Sample | ClockSample) -> int:
-    """Return the sample's sequence number.
+def checked_sequence(sample: Recordable) -> int:
+    """Return the sample's sequence number; 0 for what has none.
 
     Raises:
         StreamError: it does not fit the 32 bits that the stream has for it.
     """
+    if isinstance(sample, _UNNUMBERED):
+        return 0
     if not 0 <= sample.sequence <= MAX_UINT32:  # the MCAP message record holds a uint32
         raise StreamError(
             f"{type(sample).__name__} has sequence {sample.sequence}; expected 0 to 2^32-1"
@@ -204,8 +216,16 @@ MESSAGE_TYPES: tuple[MessageType, ...] = (
         decode_twist,
     ),
     MessageType("/clock", CLOCK_TYPE, ClockSample, encode_clock, decode_clock),
+    MessageType(
+        "/diagnostics",
+        "diagnostic_msgs/msg/DiagnosticArray",
+        Diagnostics,
+        encode_diagnostics,
+        decode_diagnostics,
+    ),
 )
 
+_BY_SAMPLE_TYPE: dict[type[Recordable], list[MessageType]] = {}
 _BY_TOPIC_AND_TYPE = {(row.topic, row.ros_type): row for row in MESSAGE_TYPES}
 
 

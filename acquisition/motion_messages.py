@@ -12,7 +12,10 @@ from acquisition.frames import (
     StaticTransform,
     StaticTransforms,
 )
-from drivers.samples import AccelerationSample, PoseSample
+from drivers.samples import AccelerationSample, PoseSample, frozen_array
+
+# sensor_msgs/msg/Imu: -1 in element 0 says that the sensor does not measure this part.
+_NOT_MEASURED = frozen_array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0], (9,))
 
 
 def encode_pose(pose: PoseSample) -> ros.geometry_msgs__msg__PoseWithCovarianceStamped:

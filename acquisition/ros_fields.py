@@ -115,14 +115,23 @@ def vector(
     return finite(what, (xyz.x, xyz.y, xyz.z), (3,))
 
 
+def _three(what: str, values: Float64Array) -> list[float]:
+    """Return the three numbers; a thousand vectors a second pass here, so the check is short."""
+    numbers: list[float] = values.tolist()
+    if values.shape == (3,) and math.isfinite(sum(numbers)):
+        return numbers
+    checked: list[float] = finite(what, values, (3,)).tolist()
+    return checked
+
+
 def ros_vector(what: str, values: Float64Array) -> ros.geometry_msgs__msg__Vector3:
     """Return a (3,) array as a Vector3."""
-    return ros.geometry_msgs__msg__Vector3(*finite(what, values, (3,)).tolist())
+    return ros.geometry_msgs__msg__Vector3(*_three(what, values))
 
 
 def ros_point(what: str, values: Float64Array) -> ros.geometry_msgs__msg__Point:
     """Return a (3,) array as a Point."""
-    return ros.geometry_msgs__msg__Point(*finite(what, values, (3,)).tolist())
+    return ros.geometry_msgs__msg__Point(*_three(what, values))
 
 
 def unit_quaternion(values: ArrayLike) -> Float64Array:

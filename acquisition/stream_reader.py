@@ -14,9 +14,11 @@ from acquisition.companions import Companion, Companions
 from acquisition.container import Container, RecordedMessage
 from acquisition.depth_messages import CameraInfo, DepthImage
 from acquisition.depth_pairing import DepthPairing
+from acquisition.diagnostics import Diagnostics
 from acquisition.errors import StreamError
 from acquisition.frames import StaticTransforms
 from acquisition.framing import MAX_RECORD_BYTES
+from acquisition.messages import Recordable
 from acquisition.read_report import ReadReport
 from acquisition.reorder import ReorderBuffer
 from drivers.samples import Sample
@@ -38,7 +40,7 @@ class StreamMessage:
 
     log_time_ns: int
     topic: str
-    sample: Sample | StaticTransforms | ClockSample
+    sample: Recordable
     sequence: int
 
 
@@ -48,7 +50,7 @@ class _Waiting:
 
     log_time_ns: int
     topic: str
-    content: DepthImage | Sample | ClockSample
+    content: DepthImage | Sample | ClockSample | Diagnostics
     sequence: int
 
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from acquisition.frames import DEPTH_OPTICAL_FRAME, MOCAP_BODY_FRAME, StaticTransforms
-from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample, Sample
+from acquisition.messages import Recordable
+from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
 from mapping.elevation_map import ElevationMap, read_out
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
@@ -68,7 +69,7 @@ class Mapper:
         self._waiting: list[DepthFrame] = []
         self._reducer: FrameReducer | None = None
 
-    def add(self, sample: Sample | StaticTransforms) -> None:
+    def add(self, sample: Recordable) -> None:
         """Take the next sample of the stream; others than depth, pose and mounts are ignored.
 
         Raises:

@@ -14,6 +14,7 @@ from hypothesis.extra import numpy as hnp
 
 from acquisition import messages
 from acquisition.depth_messages import CameraInfo, DepthImage
+from acquisition.diagnostics import DeviceStatus, Diagnostics, Level
 from acquisition.errors import StreamError
 from acquisition.frames import StaticTransform, StaticTransforms
 from acquisition.messages import MESSAGE_TYPES, MessageType, typestore
@@ -22,6 +23,13 @@ from tests.fakes.device_samples import can_frame, vibration, wheel_twist, with_t
 from tests.fakes.recordings import MOUNT, acceleration, clock_sample, depth_frame, pose, same
 
 T_NS = 1_234_567_890_123_456_789
+DIAGNOSTICS = Diagnostics(
+    T_NS,
+    (
+        DeviceStatus(Level.WARN, "gyro", "2 gaps", "A7", {"rate_hz": "399.8", "gaps": "2"}),
+        DeviceStatus(Level.STALE, "wheels", "", "", {}),
+    ),
+)
 EXAMPLES: dict[str, messages.Recordable] = {
     "/tf_static": StaticTransforms(T_NS, (MOUNT, MOUNT)),
     "/depth/camera_info": depth_frame(5, T_NS),
@@ -36,6 +44,7 @@ EXAMPLES: dict[str, messages.Recordable] = {
     "/wheels": wheel_twist(5, T_NS),
     "/wheels/speeds": wheel_twist(5, T_NS),
     "/depth/ticks": with_ticks(5, T_NS),
+    "/diagnostics": DIAGNOSTICS,
 }
 times_ns = st.integers(0, 2**31 * 10**9 - 1)
 sequences = st.integers(0, 2**32 - 1)
@@ -231,6 +240,18 @@ def test_a_sample_that_makes_no_sense_is_not_written(
 def test_a_sequence_beyond_32_bits_is_refused(sequence: int) -> None:
     with pytest.raises(StreamError, match="sequence"):
         messages.checked_sequence(pose(sequence))
+
+
+def test_diagnostics_come_back_as_they_were() -> None:
+    assert there_and_back(DIAGNOSTICS) == [DIAGNOSTICS]
+
+
+def test_a_status_of_an_unknown_level_is_refused() -> None:
+    def change(message: Any) -> None:
+        message.status[0].level = 9
+
+    with pytest.raises(StreamError, match="9 is not a valid Level"):
+        decoded("/diagnostics", changed("/diagnostics", change))
 
 
 def example_cdr(row: MessageType) -> bytes:

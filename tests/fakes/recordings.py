@@ -14,8 +14,8 @@ from acquisition.frames import (
     DEPTH_OPTICAL_FRAME,
     MOCAP_BODY_FRAME,
     StaticTransform,
-    StaticTransforms,
 )
+from acquisition.messages import Recordable
 from acquisition.stream_reader import StreamMessage, StreamReader
 from acquisition.stream_writer import StreamWriter
 from drivers.samples import (
@@ -115,9 +115,7 @@ def reader_of(data: bytes, **options: Any) -> StreamReader:
     return StreamReader(Pipe(io.BytesIO(data), "test"), **options)
 
 
-def same(
-    a: Sample | StaticTransforms | ClockSample, b: Sample | StaticTransforms | ClockSample
-) -> bool:
+def same(a: Recordable, b: Recordable) -> bool:
     """Tell whether two samples are equal bit for bit."""
     return type(a) is type(b) and bits(a) == bits(b)
 
