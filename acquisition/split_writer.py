@@ -157,14 +157,21 @@ class SplitWriter:
             output = self._store.next_output()
             try:
                 writer = self._writer_to(output)
-                identity = {"recording": self._head.recording, "part": str(self._number)}
-                writer.add_metadata(PART_NAME, identity)
+                self._identify(writer)
             except StreamError as error:
                 self._store.failed(error, empty=True)
                 continue
             self._number += 1
             self._between_parts = False
             return _Part(writer)
+
+    def _identify(self, writer: StreamWriter) -> None:
+        identity = {"recording": self._head.recording, "part": str(self._number)}
+        try:
+            writer.add_metadata(PART_NAME, identity)
+        except StreamError:
+            writer.close()
+            raise
 
     def _writer_to(self, output: Path | BinaryIO) -> StreamWriter:
         return StreamWriter(

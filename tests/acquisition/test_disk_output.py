@@ -243,3 +243,14 @@ def test_a_place_that_takes_not_even_the_head_is_left_without_a_trace(tmp_path: 
         output.start(head())
     assert output.close() == ()
     assert [path.name for path in tmp_path.rglob("*")] == ["stick"]
+
+
+def test_a_place_that_fails_right_behind_the_head_is_left_as_well(tmp_path: Path) -> None:
+    output = DiskOutput(tmp_path / "r.mcap", settings())
+    whole = DiskOutput(tmp_path / "whole.mcap", settings())
+    whole.start(head())
+    head_bytes = whole.state().bytes_written
+    whole.close()
+    with files_may_grow_to(head_bytes - 1), pytest.raises(OutputEndedError, match="too large"):
+        output.start(head())
+    assert output.close() == ()
