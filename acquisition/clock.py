@@ -124,6 +124,10 @@ class HostClock:
         self._last = self.read()
         self.offset_ns = self._last.real_ns - self._last.monotonic_ns
 
+    def now_ns(self) -> int:
+        """Return CLOCK_MONOTONIC."""
+        return self.monotonic_ns()
+
     def log_time_ns(self, monotonic_ns: int) -> int:
         """Return the log time of a stamp: nanoseconds since the epoch, as known at the start."""
         return monotonic_ns + self.offset_ns

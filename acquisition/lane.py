@@ -32,6 +32,10 @@ class Lane:
         """Tell whether the source has been opened at least once."""
         return self.worker.info is not None
 
+    def is_live(self) -> bool:
+        """Tell whether the source has been opened and stamps with this host's clock."""
+        return self.worker.info is not None and self.worker.info.time_base == "monotonic"
+
     def is_new(self) -> bool:
         """Tell whether the source has been opened, but the stream does not know it yet."""
         return self.is_there() and self._announced is None and not self.refusal

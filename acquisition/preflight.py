@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from acquisition.recorder_clock import FrozenOffsetClock
+from acquisition.clock import HostClock
 from acquisition.source_worker import SourceWorker, WorkerSettings
 from drivers.source import Source, SourceInfo
 
@@ -69,7 +69,7 @@ def _check(worker: SourceWorker, deadline_s: float, timeout_s: float) -> SourceC
 
 def preflight(sources: Sequence[Source], timeout_s: float = PREFLIGHT_TIMEOUT_S) -> PreflightReport:
     """Open every source, report, and close them again; nothing is recorded."""
-    clock = FrozenOffsetClock()
+    clock = HostClock()
     workers = [SourceWorker(source, clock, WorkerSettings()) for source in sources]
     try:
         return try_all(workers, timeout_s)

@@ -13,9 +13,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
+from acquisition.clock import HostClock
+from acquisition.clock_sample import ClockSample
 from acquisition.diagnostics import Diagnostics
 from acquisition.errors import OutputEndedError, RecorderError, StreamError
 from acquisition.health import HealthSnapshot, diagnostics_of, statistics_record
@@ -27,7 +30,7 @@ from acquisition.preflight import (
     stop_all,
     try_all,
 )
-from acquisition.recorder_clock import Clock, FrozenOffsetClock
+from acquisition.recorder_clock import Clock
 from acquisition.recording_output import RecordingOutput
 from acquisition.recording_plan import Outcome, RecordingPlan, RecordingResult
 from acquisition.source_worker import SourceWorker
@@ -67,11 +70,12 @@ class Recorder:
             )
         self.snapshot: HealthSnapshot | None = None
         self._plan = plan or RecordingPlan()
-        self._clock = clock or FrozenOffsetClock()
+        self._clock = clock or HostClock()
         self._output = output
         self._workers = [SourceWorker(s, self._clock, self._plan.worker) for s in sources]
         self._lanes = [Lane(w, self._clock, self._plan.rates_hz) for w in self._workers]
         self._monitor = HealthMonitor(self._lanes, self._output, self._clock)
+        self._clock_sequence = 0
         self._handed = 0
         self._hanging: tuple[str, ...] = ()
         self._stopped = False
@@ -138,7 +142,7 @@ class Recorder:
         return Head(
             recording=secrets.token_hex(8),
             sources=[lane.announce() for lane in self._lanes if lane.is_there()],
-            extra_types=[Diagnostics],
+            extra_types=[Diagnostics, ClockSample],
             static_transforms=self._plan.static_transforms,
             settings=self._plan.settings,
             statistics=lambda: statistics_record(self._health()),
@@ -211,8 +215,23 @@ class Recorder:
         """Take the figures of the interval, and write them to /diagnostics."""
         snapshot = self._monitor.end_interval()
         self.snapshot = snapshot
-        self._write([Stamped(snapshot.t_ns, diagnostics_of(snapshot))])
+        self._write([*self._clock_records(), Stamped(snapshot.t_ns, diagnostics_of(snapshot))])
         return snapshot
+
+    def _clock_records(self) -> list[Stamped]:
+        """Return what the host's clocks say, and what happened to them, in log time.
+
+        Nothing when recorded samples are recorded anew: their times are not this host's.
+        """
+        if not any(lane.is_live() for lane in self._lanes):
+            return []
+        samples = self._clock.samples(self._clock_sequence)
+        self._clock_sequence += len(samples)
+        times_ns = [self._clock.log_time_ns(sample.t_ns) for sample in samples]
+        return [
+            Stamped(t_ns, replace(sample, t_ns=t_ns))
+            for t_ns, sample in zip(times_ns, samples, strict=True)
+        ]
 
     def _finish(self, outcome: Outcome, message: str) -> RecordingResult:
         files: tuple[Path, ...] = ()

@@ -1,9 +1,10 @@
-"""The clock that the recorder needs."""
+"""The clock that the recorder needs; `acquisition.clock.HostClock` is one."""
 
 from __future__ import annotations
 
-import time
 from typing import Protocol
+
+from acquisition.clock_sample import ClockSample
 
 
 class Clock(Protocol):
@@ -12,23 +13,8 @@ class Clock(Protocol):
     def now_ns(self) -> int:
         """Return CLOCK_MONOTONIC."""
 
-    def log_time_ns(self, mono_ns: int) -> int:
+    def log_time_ns(self, monotonic_ns: int, /) -> int:
         """Return nanoseconds since 1970 for a monotonic time; rises when that rises."""
 
-
-class FrozenOffsetClock:
-    """Monotonic time plus the offset to UTC that was found once, at construction.
-
-    Later steps of the wall clock do not reach the recording.
-    """
-
-    def __init__(self) -> None:
-        self._offset_ns = time.time_ns() - time.monotonic_ns()
-
-    def now_ns(self) -> int:
-        """Return CLOCK_MONOTONIC."""
-        return time.monotonic_ns()
-
-    def log_time_ns(self, mono_ns: int) -> int:
-        """Return nanoseconds since 1970."""
-        return mono_ns + self._offset_ns
+    def samples(self, sequence: int) -> list[ClockSample]:
+        """Return what /clock says now, numbered from `sequence`, in monotonic time."""

@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from threading import Event
 
+from acquisition.clock import HostClock
 from acquisition.disk_output import DiskOutput
 from acquisition.folder_store import DiskSettings
 from acquisition.recorder import Recorder
-from acquisition.recorder_clock import FrozenOffsetClock
 from benchmarks.load import add_stand_ins, sources
 from drivers.samples import Sample
 from drivers.source import SourceInfo
@@ -31,9 +31,7 @@ SOURCES = 5
 class WatchedSource:
     """A paced source whose last stamp, in log time, can be read from outside."""
 
-    def __init__(
-        self, source: PacedSource, stamps: mmap.mmap, slot: int, clock: FrozenOffsetClock
-    ) -> None:
+    def __init__(self, source: PacedSource, stamps: mmap.mmap, slot: int, clock: HostClock) -> None:
         self.name = source.name
         self._source = source
         self._stamps = stamps
@@ -60,7 +58,7 @@ def main() -> None:
     """Record until killed."""
     out, stamps_path = map(Path, sys.argv[1:3])
     add_stand_ins()
-    clock = FrozenOffsetClock()
+    clock = HostClock()
     with stamps_path.open("r+b") as file, mmap.mmap(file.fileno(), 0) as stamps:
         watched = [WatchedSource(s, stamps, i, clock) for i, s in enumerate(sources())]
         output = DiskOutput(out, DiskSettings(reserve_bytes=0))

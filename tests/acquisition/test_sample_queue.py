@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
+from acquisition.clock import HostClock
 from acquisition.intake import Intake
-from acquisition.recorder_clock import FrozenOffsetClock
 from acquisition.sample_queue import SMALL_SAMPLE_BYTES, SampleQueue, size_in_memory
 from drivers.samples import AccelerationSample
 from drivers.source import SourceInfo
@@ -58,7 +58,7 @@ def test_a_depth_frame_takes_its_pixels() -> None:
 
 
 def test_each_stream_of_a_reopened_source_counts_its_gap() -> None:
-    intake = Intake(FrozenOffsetClock(), {AccelerationSample: 1000.0})
+    intake = Intake(HostClock(), {AccelerationSample: 1000.0})
     queue = SampleQueue(10**6)
     info = SourceInfo("both", "m", "s", (AccelerationSample, type(pose(0))), "monotonic")
     queue.put(info, [acceleration(0, 0), pose(0, 0)])
