@@ -230,6 +230,20 @@ def _check_message_index(body: bytes) -> None:
         raise ValueError("message index record of another form than it must have")
 
 
+def may_be_another_kind(body: bytes) -> bool:
+    """Tell whether the body of a message record has the form of a kind that one bit makes of it."""
+    for opcode in (bit ^ Opcode.MESSAGE for bit in (1, 2, 4, 8)):
+        try:
+            if opcode == Opcode.MESSAGE_INDEX:
+                _check_message_index(body)
+            else:
+                _exact(_BY_OPCODE[opcode], opcode, body)
+        except ValueError:
+            continue
+        return True
+    return False
+
+
 def lengths_agree(file: DamagedFile, head: Head) -> bool:
     """Tell, without reading the data, whether the lengths inside a record fit the one outside.
 

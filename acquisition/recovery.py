@@ -8,8 +8,9 @@ which may be told only at the end of the file; the second copies. What is copied
   unpacks to exactly what it announces, unless other chunks of the recording have checksums: then
   the missing one is damage.
 - A message outside any chunk has no checksum. It is copied when another record follows exactly
-  where it ends, its channel is defined and it decodes if its type is known, and it is counted as
-  unproven. Where the recording has chunks and the message turned up while searching behind
+  where it ends, its channel is defined, it decodes if its type is known, and it does not have the
+  form of an index or a definition, of which one bit makes a message; it is counted as unproven.
+  Where the recording has chunks and the message turned up while searching behind
   damage, it is left out: it may be what a damaged chunk held.
 - Metadata has no checksum either: copied when its form is exactly right. Attachments have one.
 """
@@ -30,7 +31,7 @@ from acquisition.damaged_file import DamagedFile
 from acquisition.errors import StreamError
 from acquisition.files import refuse_same_file, replacing
 from acquisition.provenance import software_versions
-from acquisition.record_checks import SoundRecord
+from acquisition.record_checks import SoundRecord, may_be_another_kind
 from acquisition.recording_copy import RecordingCopy
 from acquisition.recovery_report import RecoveryReport
 from acquisition.salvage import Salvage, Span, first_pass, sound_records
@@ -155,6 +156,8 @@ class _SecondPass:
         if not self._found.vouched:
             if self._found.chunked and not span.anchored:
                 reason = "message found behind damage; it may be what a damaged chunk held"
+            elif may_be_another_kind(record.body):
+                reason = "message that has the form of another record"
             elif not self._decodes(record.content):
                 reason = "message that does not decode"
         if reason:

@@ -12,7 +12,6 @@ from mcap.opcode import Opcode
 from acquisition.damaged_file import DamagedFile
 from acquisition.definitions import Definitions
 from acquisition.framing import MAGIC
-from acquisition.intact_summary import IntactSummary, ListedChunk, read_summary
 from acquisition.read_report import Damage
 from acquisition.record_checks import (
     SoundRecord,
@@ -21,6 +20,7 @@ from acquisition.record_checks import (
     record_follows,
 )
 from acquisition.resync import next_record
+from acquisition.summary_section import ListedChunk, read_summary
 
 
 @dataclass(slots=True)
@@ -129,9 +129,10 @@ class _FirstPass:
 
     def run(self) -> Salvage:
         found, file = self._found, self._file
-        summary = read_summary(file) or IntactSummary()
-        found.definitions.add(summary.definitions, proven=True)
-        found.expected = summary.expected
+        summary = read_summary(file)
+        if summary.intact:
+            found.definitions.add(summary.definitions, proven=True)
+            found.expected = summary.expected
         listed_offsets = summary.offsets()
         offset = self._start()
         anchored = True
@@ -145,7 +146,7 @@ class _FirstPass:
         if offset < file.size_bytes:
             self._damage(offset, file.size_bytes, "it lies behind the end of the recording")
         found.spans = [span for span in found.spans if span.start < span.end]
-        if listed_offsets:
+        if summary.intact and listed_offsets:
             found.lost_chunks = [_lost(c) for c in summary.chunks() if not found.holds(c.offset)]
         return found
 

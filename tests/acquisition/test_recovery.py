@@ -206,6 +206,16 @@ def test_what_an_uncompressed_damaged_chunk_holds_is_not_taken_for_messages(tmp_
     assert len(report.damaged) == 2
 
 
+@pytest.mark.parametrize("kind", [Opcode.MESSAGE_INDEX, Opcode.CHANNEL, Opcode.HEADER])
+def test_a_bit_does_not_make_a_message_of_another_record(kind: Opcode, tmp_path: Path) -> None:
+    for intact in (DATA, foreign(), foreign(use_chunking=False)):
+        for opcode, offset, _ in records(intact):
+            if opcode == kind:
+                _, saved, _ = run(replaced(intact, offset, bytes([Opcode.MESSAGE])), tmp_path)
+                assert is_subsequence(saved, unpacked(intact))
+                break
+
+
 def test_a_chunk_whose_checksum_is_gone_is_not_trusted(tmp_path: Path) -> None:
     start, _ = content(DATA)[3]
     damaged = replaced(DATA, start + 9 + 24, bytes(4))
@@ -233,8 +243,14 @@ def test_a_chunk_is_saved_when_only_its_head_is_damaged(
 def test_a_chunk_behind_damage_is_found_by_the_index(tmp_path: Path) -> None:
     """The block ends behind the first bytes of a chunk: nothing looks like a record there."""
     start, _ = content(DATA)[4]
-    _, saved, _ = run(replaced(DATA, start - 100, bytes(100 + 9)), tmp_path)
+    damaged = replaced(DATA, start - 100, bytes(100 + 9))
+    report, saved, _ = run(damaged, tmp_path)
     assert saved == SAID
+    assert report.expected == report.messages
+    # An index with a wrong bit is no proof, but still a hint.
+    report, saved, _ = run(replaced(damaged, len(DATA) - 12, b"\0\0\0\0"), tmp_path)
+    assert saved == SAID
+    assert report.expected is None
 
 
 def test_a_chunk_that_was_written_twice_is_copied_once(tmp_path: Path) -> None:

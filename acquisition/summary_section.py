@@ -1,4 +1,4 @@
-"""The summary at the end of a recording, if a checksum vouches for it."""
+"""The summary at the end of a recording, and whether a checksum vouches for it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import struct
 import zlib
 from array import array
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from mcap.opcode import Opcode
@@ -31,14 +32,17 @@ class ListedChunk:
 
 
 @dataclass(slots=True)
-class IntactSummary:
+class SummarySection:
     """What the summary says.
 
     Attributes:
+        intact: its checksum is right. Otherwise what it says may be wrong, and serves only as a
+            hint where to look.
         definitions: schemas and channels, repeated.
         expected: messages of each channel number; None where it does not say.
     """
 
+    intact: bool = False
     definitions: list[Schema | Channel] = field(default_factory=list)
     expected: dict[int, int] | None = None
     # Numbers side by side: a long recording lists a million chunks.
@@ -65,24 +69,22 @@ class IntactSummary:
                 self._chunks.extend((listed.chunk_start_offset, listed.chunk_length, *times_ns))
 
 
-def read_summary(file: DamagedFile) -> IntactSummary | None:
-    """Return the summary; None when it is missing, damaged, or without a checksum."""
+def read_summary(file: DamagedFile) -> SummarySection:
+    """Return the summary as far as it is readable; empty when there is none."""
+    summary = SummarySection()
     footer_offset = file.size_bytes - len(MAGIC) - _FOOTER.size - HEAD.size
-    try:
+    with suppress(ValueError):  # what was read until then may still help
         footer = file.read(footer_offset, HEAD.size + _FOOTER.size)
-        if footer[: HEAD.size] != HEAD.pack(Opcode.FOOTER, _FOOTER.size):
-            return None
         start, _, expected = _FOOTER.unpack(footer[HEAD.size :])
-        if start == 0 or expected == 0:
-            return None
-        summary = IntactSummary()
+        if footer[: HEAD.size] != HEAD.pack(Opcode.FOOTER, _FOOTER.size) or start == 0:
+            return summary
         crc = 0
         for record in _records(file, start, footer_offset):
             summary.take(record)
             crc = zlib.crc32(record.body, zlib.crc32(record.head.packed, crc))
-    except ValueError:
-        return None
-    return summary if expected == zlib.crc32(footer[:-_CRC_BYTES], crc) else None
+        # 0 says that the writer computed no checksum.
+        summary.intact = bool(expected) and expected == zlib.crc32(footer[:-_CRC_BYTES], crc)
+    return summary
 
 
 def _records(file: DamagedFile, offset: int, end: int) -> Iterator[SoundRecord]:
