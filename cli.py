@@ -8,15 +8,20 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import itertools
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+
+if TYPE_CHECKING:
+    from acquisition.console import Board
 
 _UNUSABLE = 2
 _INTERRUPTED = 130
+_LOG_EVERY = 10  # states, one a second
 _ROOMS = ("drivers", "acquisition", "mapping", "simulation")
 
 
@@ -30,9 +35,14 @@ class _Command(NamedTuple):
 _COMMANDS = {
     "demo": _Command("simulate a drive, record it, map it live, compare with the truth", "cli"),
     "devices": _Command("say what is plugged in and usable", "acquisition.device_commands"),
+    "config": _Command("make, check or show a rover.toml", "acquisition.record_commands"),
+    "record": _Command("record all devices of a rover.toml", "acquisition.record_commands"),
     "import": _Command("turn a folder of depth images into a recording", "acquisition.commands"),
     "info": _Command("say what a recording or a map holds", "mapping.commands"),
     "check": _Command("look for damage and gaps in a recording", "acquisition.commands"),
+    "recover": _Command("save what is intact of a recording", "acquisition.record_commands"),
+    "cut": _Command("copy a part of a recording", "acquisition.record_commands"),
+    "merge": _Command("copy several recordings into one", "acquisition.record_commands"),
     "map": _Command("turn a recording into an elevation map", "mapping.commands"),
     "export": _Command("convert a map to GeoTIFF, PLY or PNG, draw figures", "mapping.commands"),
     "evaluate": _Command("compare a map with the truth or a flat floor", "mapping.commands"),
@@ -66,6 +76,34 @@ class Terminal:
 
         with Console(stderr=True).status(text) as status:
             yield lambda reached: status.update(f"{text}: {reached}")
+
+    @contextmanager
+    def board(self) -> Iterator[Board]:
+        """Show a table that changes on a terminal, and lines every ten seconds elsewhere."""
+        if not sys.stderr.isatty():
+            yield self._log_now_and_then()
+            return
+        from rich.console import Console
+        from rich.live import Live
+
+        with Live(console=Console(stderr=True), auto_refresh=False) as live:
+
+            def draw(table: Callable[[], Any], lines: Callable[[], list[str]]) -> None:
+                del lines  # those are for a log
+                live.update(table(), refresh=True)
+
+            yield draw
+
+    def _log_now_and_then(self) -> Board:
+        calls = itertools.count()
+
+        def log(table: Callable[[], object], lines: Callable[[], list[str]]) -> None:
+            del table  # that is for a terminal
+            if next(calls) % _LOG_EVERY == 0:
+                for line in lines():
+                    self.note(line)
+
+        return log
 
 
 class _Parser(argparse.ArgumentParser):

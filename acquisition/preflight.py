@@ -40,6 +40,20 @@ class PreflightReport:
         """Those that could not be opened."""
         return tuple(check for check in self.checks if check.info is None)
 
+    def as_json(self) -> dict[str, object]:
+        """Return each source's name, model, serial number and error as JSON values."""
+        return {
+            "sources": [
+                {
+                    "name": check.name,
+                    "model": check.info.model if check.info else None,
+                    "serial": check.info.serial if check.info else None,
+                    "error": check.error,
+                }
+                for check in self.checks
+            ]
+        }
+
     def describe(self) -> list[str]:
         """Return one line for each source."""
         return [_line(check) for check in self.checks]

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from acquisition.byte_source import FinishedFile
+from acquisition.clock_sample import ClockSample
 from acquisition.diagnostics import Diagnostics
 from acquisition.disk_output import DiskOutput
 from acquisition.errors import RecorderError, StreamError
@@ -53,6 +54,9 @@ class FixedClock:
 
     def log_time_ns(self, mono_ns: int) -> int:
         return mono_ns + START_NS
+
+    def samples(self, sequence: int) -> list[ClockSample]:
+        return [ClockSample(0, "host", 0, 0, START_NS, "boot", START_NS, sequence=sequence)]
 
 
 class SecondsClock(FixedClock):
@@ -395,3 +399,12 @@ def test_a_recorder_that_was_only_checked_is_closed(tmp_path: Path) -> None:
     recorder.close()
     assert imu.closed >= 1
     assert not list(tmp_path.iterdir())
+
+
+def test_the_clocks_of_the_host_are_recorded_in_log_time(tmp_path: Path) -> None:
+    result = record(tmp_path / "run.mcap", [ScriptedSource("imu", accelerations(0, 3))])
+    messages, _ = read(result.files[0])
+    clocks = of_type(messages, ClockSample)
+    assert [(clock.t_ns, clock.sequence, clock.boot_id) for clock in clocks] == [
+        (START_NS, 0, "boot")
+    ]
