@@ -38,7 +38,7 @@ from acquisition.split_writer import Head
 from drivers.source import Source
 
 # Python's own 5 ms is how long the writing thread may keep a stamping thread waiting each time;
-# docs/decisions/0003-writer-thread-or-process.md has the figures.
+# docs/decisions/0005-writer-thread-or-process.md has the figures.
 SWITCH_INTERVAL_S = 0.0005
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -124,6 +125,8 @@ def bits(value: object) -> object:
     """Return a sample, a message or a part of one as something that compares bit for bit."""
     if isinstance(value, np.ndarray):
         return (value.dtype.str, value.shape, value.tobytes())
+    if isinstance(value, float):
+        return struct.pack("<d", value)  # NaN is equal to nothing
     if isinstance(value, tuple):
         return tuple(bits(item) for item in value)
     if hasattr(value, "__slots__"):
