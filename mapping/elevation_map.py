@@ -10,10 +10,10 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping.cell_layers import CellLayers
 from mapping.errors import MappingError
 from mapping.grid import Grid
 from mapping.settings import MapSettings
-from mapping.update_kernels import CellLayers
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]

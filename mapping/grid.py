@@ -13,9 +13,9 @@ from typing import Protocol
 
 import numpy as np
 
+from mapping.cell_layers import BYTES_PER_CELL, CellLayers, empty_layers
 from mapping.errors import MappingError
 from mapping.settings import MapSettings
-from mapping.update_kernels import CellLayers
 
 # A growing map is enlarged in steps of this many cells, so that it is seldom copied.
 _GROWTH_CELLS = 64
@@ -50,29 +50,6 @@ class CellWindow:
         end_x = max(self.first_x + self.cells_x, other.first_x + other.cells_x)
         end_y = max(self.first_y + self.cells_y, other.first_y + other.cells_y)
         return CellWindow(first_x, first_y, end_x - first_x, end_y - first_y)
-
-
-def empty_layers(rows: int, columns: int) -> CellLayers:
-    """Return layers of cells that nobody has seen."""
-    shape = (rows, columns)
-    return CellLayers(
-        elevation_m=np.zeros(shape, np.float64),
-        variance_m2=np.zeros(shape, np.float32),
-        systematic_a_m=np.zeros(shape, np.float32),
-        systematic_b_m=np.zeros(shape, np.float32),
-        systematic_c_m=np.zeros(shape, np.float32),
-        systematic_bias_m=np.zeros(shape, np.float32),
-        relief_m2=np.zeros(shape, np.float32),
-        candidate_m=np.zeros(shape, np.float64),
-        candidate_m2=np.zeros(shape, np.float32),
-        candidate_hits=np.zeros(shape, np.uint8),
-        frames=np.zeros(shape, np.uint32),
-        pixels=np.zeros(shape, np.uint32),
-        last_ns=np.zeros(shape, np.int64),
-    )
-
-
-BYTES_PER_CELL = sum(layer.itemsize for layer in empty_layers(0, 0))
 
 
 def _megabytes(rows: int, columns: int) -> float:

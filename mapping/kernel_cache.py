@@ -13,6 +13,7 @@ from mapping.grid import GrowingGrid
 from mapping.measurement import FrameReducer, View
 from mapping.noise import NGUYEN_2012
 from mapping.settings import MapSettings
+from mapping.update_constants import fusion_constants
 
 _ENTRY_POINTS = (
     measurement_kernels.ranges_from_millimetres,
@@ -47,4 +48,4 @@ def compile_kernels() -> None:
     window = grid.prepare(reducer.footprint(view), 0.0, 0.0)
     sums, _ = reducer.reduce(view, window)
     constants = reducer.frame_constants(view, window, grid.position(window))
-    update_kernels.fuse(sums, constants, update_kernels.fusion_constants(settings), grid.layers)
+    update_kernels.fuse(sums, constants, fusion_constants(settings), grid.layers)

@@ -19,7 +19,8 @@ from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
 from mapping.pose_track import PoseTrack
 from mapping.settings import MapSettings
-from mapping.update_kernels import fuse, fusion_constants
+from mapping.update_constants import fusion_constants
+from mapping.update_kernels import fuse
 
 # A depth frame waits this long, in stream time, for a pose that surrounds it.
 _POSE_WAIT_NS = 2_000_000_000

@@ -20,7 +20,7 @@ from mapping.geometry import RigidTransform, UncertainPose
 from mapping.grid import CellWindow
 from mapping.noise import DepthNoiseModel
 from mapping.settings import MapSettings
-from mapping.update_kernels import FrameConstants
+from mapping.update_constants import FrameConstants
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]

@@ -1,8 +1,8 @@
 """The per-cell loop: one frame's sums per cell in, one Kalman update per cell out (numba, cached).
 
-All arithmetic is float64, and so are stored heights: far above the frame's origin the small steps
-of late updates would vanish in float32 (1 mm at 10 km). The other layers are float32. The loop
-runs over the window row by row, each cell on its own, so its result does not depend on the order.
+All arithmetic is float64; most stored layers are float32. The loop runs over the window row by row,
+each cell on its own, so its result does not depend on the order. All compiled code of the update
+is in this file: numba looks for changes in the file of a cached kernel, not in what it calls.
 """
 
 from __future__ import annotations
@@ -13,103 +13,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mapping.settings import MapSettings
+from mapping.cell_layers import CellLayers
+from mapping.update_constants import FrameConstants, FusionConstants
 
-Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 
-
 _MOST_PIXELS = 2.0**32 - 1.0
-
-
-class CellLayers(NamedTuple):
-    """What is known of every cell; all arrays (rows, columns).
-
-    elevation_m: height in T. variance_m2: variance of all errors that differ from frame to frame.
-    systematic_*_m: how far one sigma of each error that stays the same for the whole run moves
-    the cell: mount rotation about the sensor's x, y and z, and depth bias. relief_m2: spread of
-    the surface inside the cell, in excess of pixel noise: unbiased, so it may be below 0 where the
-    ground is flat. candidate_*: the second hypothesis, the variance of its pixel noise, and how
-    often it was confirmed.
-    frames, pixels: accepted measurements and the pixels in them, which stop counting at 2^32 - 1.
-    last_ns: stamp of the last one, meaningless while frames is 0.
-    """
-
-    elevation_m: Float64Array
-    variance_m2: Float32Array
-    systematic_a_m: Float32Array
-    systematic_b_m: Float32Array
-    systematic_c_m: Float32Array
-    systematic_bias_m: Float32Array
-    relief_m2: Float32Array
-    candidate_m: Float64Array
-    candidate_m2: Float32Array
-    candidate_hits: NDArray[np.uint8]
-    frames: NDArray[np.uint32]
-    pixels: NDArray[np.uint32]
-    last_ns: NDArray[np.int64]
-
-
-class FrameConstants(NamedTuple):
-    """One frame's geometry and common errors, in T; see `mapping.measurement`.
-
-    first_column, first_row: the window's corner in the layers, which wrap around. corner_*: that
-    corner relative to the camera. lever_*: camera minus tracked body. rXY: elements of C_TS.
-    pose_*: entries of the pose covariance, z, rotation about x and about y. mount_rad: sigma of
-    the mount's rotation. bias_*: sigma of the depth bias is bias_0 + bias_2 z^2. range_min_m: no
-    reading is nearer.
-    """
-
-    t_ns: int
-    first_column: int
-    first_row: int
-    cells_x: int
-    cells_y: int
-    cell_size_m: float
-    corner_x_m: float
-    corner_y_m: float
-    camera_z_m: float
-    lever_x_m: float
-    lever_y_m: float
-    r00: float
-    r01: float
-    r02: float
-    r10: float
-    r11: float
-    r12: float
-    r22: float
-    pose_zz: float
-    pose_za: float
-    pose_zb: float
-    pose_aa: float
-    pose_ab: float
-    pose_bb: float
-    mount_rad: float
-    bias_0_m: float
-    bias_2_per_m: float
-    correlation_area_px: float
-    range_min_m: float
-
-
-class FusionConstants(NamedTuple):
-    """How measurements are fused; see `mapping.settings.MapSettings`."""
-
-    gate2: float
-    floor_m2: float
-    ceiling_m2: float
-    correlation_time_ns: float
-    confirmations: int
-
-
-def fusion_constants(settings: MapSettings) -> FusionConstants:
-    """Return the settings in the units of the loop."""
-    return FusionConstants(
-        gate2=settings.gate_sigma**2,
-        floor_m2=settings.sigma_floor_m**2,
-        ceiling_m2=settings.sigma_ceiling_m**2,
-        correlation_time_ns=settings.common_correlation_time_s * 1e9,
-        confirmations=settings.confirmations,
-    )
 
 
 class Systematic(NamedTuple):
