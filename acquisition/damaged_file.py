@@ -5,16 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
+from acquisition.closing import ClosedOnExit
 from acquisition.errors import StreamError
 
 WINDOW_BYTES = 1 << 17
 PAGE_BYTES = 4096  # what a disk gives or refuses at once
 
 
-class DamagedFile:
+class DamagedFile(ClosedOnExit):
     """Reads pieces of a file at any offset; what it cannot read is a ValueError, not the end.
 
     It reads instead of mapping: a bad sector or a file that becomes shorter would kill a process
@@ -106,14 +105,3 @@ class DamagedFile:
     def close(self) -> None:
         """Close the file; harmless when closed."""
         self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()

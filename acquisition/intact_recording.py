@@ -7,8 +7,7 @@ from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Self, TypeVar
+from typing import TypeVar
 
 import zstandard
 from mcap.exceptions import McapError
@@ -16,6 +15,7 @@ from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, Message, Metadata, Schema, Statistics
 from mcap.summary import Summary
 
+from acquisition.closing import ClosedOnExit
 from acquisition.damaged_file import DamagedFile
 from acquisition.errors import StreamError
 from acquisition.record_checks import read_record
@@ -45,7 +45,7 @@ class Defined:
     message: Message
 
 
-class IntactRecording:
+class IntactRecording(ClosedOnExit):
     """Reads by the index, in order of log time; one iteration at a time.
 
     Attributes:
@@ -154,14 +154,3 @@ class IntactRecording:
         """Close the file; harmless when closed."""
         self._file.close()
         self._checked.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()

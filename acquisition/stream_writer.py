@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import IO, BinaryIO, Self, cast
+from typing import IO, BinaryIO, cast
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Schema
@@ -13,6 +12,7 @@ from mcap.writer import Writer
 
 from acquisition import messages
 from acquisition.clock_sample import ClockSample
+from acquisition.closing import ClosedOnExit
 from acquisition.errors import StreamError
 from acquisition.frames import StaticTransform, StaticTransforms
 from acquisition.messages import Recordable
@@ -26,7 +26,7 @@ FLUSH_INTERVAL_NS = 50_000_000
 _MAX_LOG_TIME_NS = 2**64 - 1  # the MCAP message record holds a uint64
 
 
-class StreamWriter:
+class StreamWriter(ClosedOnExit):
     """Writes a recording: profile "ros2", CDR messages, zstd chunks, a checksum on everything.
 
     The order in the file is: provenance; every schema and channel that the sources may need,
@@ -219,17 +219,6 @@ class StreamWriter:
                 self._output.flush()
         finally:
             self._output.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def _sample_types(sources: Sequence[SourceInfo]) -> list[type[Sample]]:
