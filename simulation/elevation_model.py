@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import warnings
 import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +26,11 @@ _MARGIN_PX = 3
 
 @dataclass(frozen=True, slots=True)
 class _Raster:
-    """Heights at increasing positions: (len(y), len(x)), NaN = no data."""
+    """Positions, increasing, and what reads the heights of a slice of y and one of x."""
 
     x_m: Float64Array
     y_m: Float64Array
-    height_m: Float64Array
+    read: Callable[[slice, slice], Float64Array]
 
 
 def read_elevation_model(
@@ -51,48 +54,35 @@ def read_elevation_model(
     """
     half = 0.5 * size_m
     rows, columns = grid_shape((-half, half, -half, half), spacing_m)
-    raster = _read_npz(path) if path.suffix == ".npz" else _read_geotiff(path)
-    if centre_m is None:
-        centre_m = (
-            0.5 * float(raster.x_m[0] + raster.x_m[-1]),
-            0.5 * float(raster.y_m[0] + raster.y_m[-1]),
-        )
-    crop = _crop(path, raster, centre_m, half)
-    spline = RectBivariateSpline(
-        crop.y_m - centre_m[1],
-        crop.x_m - centre_m[0],
-        crop.height_m,
-        kx=min(3, crop.y_m.size - 1),
-        ky=min(3, crop.x_m.size - 1),
-    )
+    with (_npz if path.suffix == ".npz" else _geotiff)(path) as raster:
+        x_centre, y_centre = centre_m or (raster.x_m[[0, -1]].mean(), raster.y_m[[0, -1]].mean())
+        along_x = _span(path, raster.x_m, float(x_centre), half)
+        along_y = _span(path, raster.y_m, float(y_centre), half)
+        known_m = raster.read(along_y, along_x)
+    if holes := int(np.count_nonzero(~np.isfinite(known_m))):
+        raise SimulationError(f"{holes} pixels of the crop of {path} hold no data; choose another")
+    known_x, known_y = raster.x_m[along_x] - x_centre, raster.y_m[along_y] - y_centre
+    orders = {"kx": min(3, known_y.size - 1), "ky": min(3, known_x.size - 1)}
+    spline = RectBivariateSpline(known_y, known_x, known_m, **orders)
     x_m, y_m = _positions(columns, spacing_m) - half, _positions(rows, spacing_m) - half
     heights = spline(y_m, x_m) - spline(0.0, 0.0)
     return HeightGrid(-half, -half, spacing_m, heights.astype(np.float32))
 
 
-def _crop(path: Path, raster: _Raster, centre_m: tuple[float, float], half_m: float) -> _Raster:
-    """Return the pixels that the crop needs."""
-    spans = []
-    for axis, centre in zip((raster.x_m, raster.y_m), centre_m, strict=True):
-        if centre - half_m < axis[0] or centre + half_m > axis[-1]:
-            raise SimulationError(
-                f"a crop of {2 * half_m:g} m around {centre_m} leaves {path}, which spans "
-                f"{raster.x_m[0]:g} to {raster.x_m[-1]:g} and {raster.y_m[0]:g} to "
-                f"{raster.y_m[-1]:g} m; choose a smaller crop or another centre"
-            )
-        first = int(np.searchsorted(axis, centre - half_m, "right")) - 1 - _MARGIN_PX
-        last = int(np.searchsorted(axis, centre + half_m)) + _MARGIN_PX
-        spans.append(slice(max(first, 0), last + 1))
-    along_x, along_y = spans
-    height_m = raster.height_m[along_y, along_x]
-    if holes := int(np.count_nonzero(~np.isfinite(height_m))):
+def _span(path: Path, axis_m: Float64Array, centre_m: float, half_m: float) -> slice:
+    """Return the pixels of an axis that the crop needs."""
+    if not axis_m[0] <= centre_m - half_m <= centre_m + half_m <= axis_m[-1]:
         raise SimulationError(
-            f"the crop of {path} around {centre_m} has {holes} pixels without data; choose another"
+            f"a crop from {centre_m - half_m:g} to {centre_m + half_m:g} m leaves {path}, which "
+            f"spans {axis_m[0]:g} to {axis_m[-1]:g} m; choose a smaller crop or another centre"
         )
-    return _Raster(raster.x_m[along_x], raster.y_m[along_y], height_m)
+    first = int(np.searchsorted(axis_m, centre_m - half_m, "right")) - 1 - _MARGIN_PX
+    last = int(np.searchsorted(axis_m, centre_m + half_m)) + _MARGIN_PX
+    return slice(max(first, 0), min(last + 1, axis_m.size))
 
 
-def _read_npz(path: Path) -> _Raster:
+@contextmanager
+def _npz(path: Path) -> Iterator[_Raster]:
     try:
         with np.load(path) as arrays:
             height_m = np.asarray(arrays["height_m"], np.float64)
@@ -107,34 +97,48 @@ def _read_npz(path: Path) -> _Raster:
             f"{path} has heights of shape {height_m.shape} every {spacing_m} m; expected at least "
             "2 x 2 and a positive spacing"
         )
-    rows, columns = height_m.shape
-    return _Raster(_positions(columns, spacing_m), _positions(rows, spacing_m), height_m)
+    y_m, x_m = (_positions(number, spacing_m) for number in height_m.shape)
+    yield _Raster(x_m, y_m, lambda along_y, along_x: height_m[along_y, along_x])
 
 
-def _read_geotiff(path: Path) -> _Raster:
+@contextmanager
+def _geotiff(path: Path) -> Iterator[_Raster]:
     import rasterio
     from rasterio.errors import NotGeoreferencedWarning, RasterioError
+    from rasterio.windows import Window
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            with rasterio.open(path) as file:
-                crs, transform = file.crs, file.transform
-                height_m = file.read(1, masked=True).astype(np.float64).filled(np.nan)
+            file = rasterio.open(path)
+        with file:
+            _check_georeference(path, file)
+            (rows, columns), place = file.shape, file.transform
+            x_m = place.c + 0.5 * place.a + _positions(columns, place.a)
+            y_m = (place.f + 0.5 * place.e + _positions(rows, place.e))[::-1]
+
+            def read(along_y: slice, along_x: slice) -> Float64Array:
+                lines = slice(rows - along_y.stop, rows - along_y.start)
+                pixels = file.read(1, window=Window.from_slices(lines, along_x), masked=True)
+                height_m = pixels.astype(np.float64) * file.scales[0] + file.offsets[0]
+                return np.asarray(height_m.filled(np.nan)[::-1], np.float64)
+
+            yield _Raster(x_m, y_m, read)
     except RasterioError as error:
         raise SimulationError(
             f"cannot read {path}: {str(error).splitlines()[0]}; give a GeoTIFF or .npz file"
         ) from error
+
+
+def _check_georeference(path: Path, file: Any) -> None:  # noqa: ANN401 - rasterio is untyped
+    """Refuse a raster that is not in metres, north up, of 2 x 2 pixels at least."""
+    crs, place = file.crs, file.transform
     if crs is not None and not (crs.is_projected and crs.linear_units_factor[1] == 1.0):
         raise SimulationError(f"{path} is not in metres ({crs}); reproject it to a metric system")
-    if transform.b != 0.0 or transform.d != 0.0 or transform.a <= 0.0 or transform.e >= 0.0:
+    if place.b != 0.0 or place.d != 0.0 or place.a <= 0.0 or place.e >= 0.0:
         raise SimulationError(f"{path} is not georeferenced north up; warp it with gdalwarp")
-    rows, columns = height_m.shape
-    if min(rows, columns) < 2:
-        raise SimulationError(f"{path} has {rows} x {columns} pixels; expected at least 2 x 2")
-    x_m = transform.c + 0.5 * transform.a + _positions(columns, transform.a)
-    y_m = transform.f + 0.5 * transform.e + _positions(rows, transform.e)
-    return _Raster(x_m, y_m[::-1], height_m[::-1])
+    if min(file.shape) < 2:
+        raise SimulationError(f"{path} has {file.shape} pixels; expected at least 2 x 2")
 
 
 def _positions(number: int, spacing_m: float) -> Float64Array:

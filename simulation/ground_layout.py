@@ -32,12 +32,20 @@ class FlatStart:
     radius_m: float = 0.8
     blend_m: float = 1.0
 
+    def __post_init__(self) -> None:
+        """Refuse what is no disc."""
+        if not (self.radius_m >= 0.0 and self.blend_m > 0.0):
+            raise SimulationError(
+                f"a level start of {self.radius_m} m, blended over {self.blend_m} m; expected 0 or "
+                "more, and more than 0"
+            )
+
 
 FLAT_START = FlatStart()
 
 
 def grid_shape(extent: Extent, spacing_m: float) -> tuple[int, int]:
-    """Return the rows and columns of a grid over an extent.
+    """Return the rows and columns of a grid over an extent, rounded to whole squares.
 
     Raises:
         SimulationError: not an extent, or too few or too many nodes.

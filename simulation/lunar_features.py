@@ -32,8 +32,13 @@ def crater_count(diameter_m: float, density: float) -> float:
 def sample_craters(
     extent: Extent, density: float, diameters_m: tuple[float, float], random: np.random.Generator
 ) -> Float64Array:
-    """Return (N, 4) craters: x, y, diameter in metres, freshness from 0 to 1; largest first."""
+    """Return (N, 4) craters: x, y, diameter in metres, freshness from 0 to 1; largest first.
+
+    None where the least diameter is not below the largest.
+    """
     smallest, largest = diameters_m
+    if smallest >= largest:
+        return np.empty((0, 4))
     number_of_largest = crater_count(largest, density)
     number = crater_count(smallest, density) - number_of_largest
     total = random.poisson(number * _area_m2(extent))
@@ -62,7 +67,12 @@ def rock_count(diameter_m: float, share: float) -> float:
 def sample_rocks(
     extent: Extent, share: float, diameters_m: tuple[float, float], random: np.random.Generator
 ) -> Float64Array:
-    """Return (N, 6) rocks: x, y, diameter, height in metres, width over length, heading in rad."""
+    """Return (N, 6) rocks: x, y, diameter, height in metres, width over length, heading in rad.
+
+    None where the least diameter is not below the largest.
+    """
+    if diameters_m[0] >= diameters_m[1]:
+        return np.empty((0, 6))
     sizes = np.geomspace(*diameters_m, 513)
     above = _rocks_above(sizes, share)
     total = random.poisson(above[0] * _area_m2(extent))

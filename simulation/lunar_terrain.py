@@ -57,7 +57,8 @@ class LunarTerrain:
 
     Attributes:
         grid: the heights.
-        craters: (N, 4) x, y, diameter in metres, freshness 0 to 1.
+        craters: (N, 4) x, y, diameter in metres, freshness 0 to 1; those at the level start were
+            filled in.
         rocks: (N, 6) x, y, diameter, height in metres, width over length, heading in radians.
     """
 
@@ -80,7 +81,7 @@ def lunar_terrain(
         preset: a name in `PRESETS`.
         seed: 0 or more.
         extent: x_min, x_max, y_min, y_max in metres.
-        spacing_m: distance of the nodes.
+        spacing_m: distance of the nodes; no crater or rock is smaller than 4 of it.
         start: where the rover stands at first.
 
     Raises:

@@ -57,6 +57,15 @@ def test_the_crop_lies_where_it_is_asked_for(tmp_path: Path) -> None:
     assert grid.height_at(3.0, -2.0) == pytest.approx(expected, abs=2e-3)
 
 
+def test_a_geotiff_s_scale_and_offset_count(tmp_path: Path) -> None:
+    write_geotiff(tmp_path / "dem.tif")
+    plain = read_elevation_model(tmp_path / "dem.tif", 10.0, 0.5)
+    with rasterio.open(tmp_path / "dem.tif", "r+") as file:
+        file.scales, file.offsets = (0.5,), (100.0,)
+    halved = read_elevation_model(tmp_path / "dem.tif", 10.0, 0.5)
+    np.testing.assert_allclose(halved.height_m, 0.5 * plain.height_m, atol=1e-5)
+
+
 def test_an_npz_has_its_corner_at_zero(tmp_path: Path) -> None:
     x, y = np.meshgrid(np.arange(30.0), np.arange(20.0))
     np.savez(tmp_path / "dem.npz", height_m=0.2 * x + 0.01 * y**2, spacing_m=1.0)
@@ -66,7 +75,7 @@ def test_an_npz_has_its_corner_at_zero(tmp_path: Path) -> None:
 
 def test_holes_outside_the_crop_do_not_matter(tmp_path: Path) -> None:
     write_geotiff(tmp_path / "dem.tif", hole=True)
-    with pytest.raises(SimulationError, match="1 pixels without data"):
+    with pytest.raises(SimulationError, match="1 pixels of the crop"):
         read_elevation_model(tmp_path / "dem.tif", 10.0, 0.5)
     assert read_elevation_model(tmp_path / "dem.tif", 10.0, 0.5, (1030.0, 5030.0))
 

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from simulation.errors import SimulationError
+from simulation.ground_layout import FlatStart
 from simulation.height_grid import HeightGrid
 from simulation.lunar_features import (
     add_craters,
@@ -198,3 +199,16 @@ def test_impossible_grounds_are_refused(
 def test_counts_need_an_area() -> None:
     with pytest.raises(SimulationError, match="area"):
         count_per_m2(np.ones(3), (0.1,), 0.0)
+
+
+def test_a_coarse_grid_has_no_features_that_it_cannot_show() -> None:
+    for spacing, craters in ((0.05, True), (1.5, False)):
+        terrain = lunar_terrain("smooth", 0, extent=(-20.0, 20.0, -20.0, 20.0), spacing_m=spacing)
+        assert len(terrain.rocks) == 0
+        assert (len(terrain.craters) > 0) == craters
+
+
+@pytest.mark.parametrize(("radius", "blend"), [(-1.0, 1.0), (1.0, 0.0)])
+def test_the_start_must_be_a_disc(radius: float, blend: float) -> None:
+    with pytest.raises(SimulationError, match="level start"):
+        FlatStart(radius_m=radius, blend_m=blend)
