@@ -13,8 +13,10 @@ from simulation.depth_camera import DepthCamera
 from simulation.errors import SimulationError
 from simulation.height_grid import HeightGrid
 from simulation.ideal_camera import trace
-from simulation.kinect import KinectModel, kinect_320, kinect_640
+from simulation.kinect import KinectModel, kinect_320, kinect_640, lit_by_projector
 from simulation.lunar_terrain import lunar_terrain
+from simulation.man_made import indoor_hall
+from simulation.ray_kernels import block_maxima, first_hit
 from simulation.terrain import crater_field
 
 Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -137,3 +139,24 @@ def test_impossible_cameras_are_refused(
 ) -> None:
     with pytest.raises(SimulationError, match=message):
         DepthCamera(ground, kinect_320(), KinectModel(), seed, sun)
+
+
+def test_the_projector_s_shadow_is_where_rays_from_it_do_not_arrive() -> None:
+    hall = indoor_hall(1)
+    camera = DepthCamera(hall, kinect_320(), KinectModel(), 0)
+    position, rotation = pose(-0.5, 0.0, 0.5, yaw_deg=60.0, down_deg=15.0)
+    view = camera.look(position, rotation)
+    v, u = np.nonzero(view.z_m)
+    z = view.z_m[v, u]
+    optical = np.column_stack([(u - 159.5) / 290.0 * z, (v - 119.5) / 290.0 * z, z])
+    projector = position + rotation @ [0.075, 0.0, 0.0]
+    highest = block_maxima(hall.height_m)
+    scale = np.array([0.02, 0.02, 1.0])
+    start = (projector - [hall.origin_x_m, hall.origin_y_m, 0.0]) / scale
+    rays = (optical @ rotation.T + position - projector) / scale
+    first = [first_hit(hall.height_m, highest, tuple(start), tuple(ray), 1.0) for ray in rays]
+    reached = np.abs(np.array(first)) > 0.995
+    lit = lit_by_projector(view, kinect_320(), KinectModel())[v, u]
+    assert (~reached).sum() > 200
+    # They differ by half a pixel along the edges of the shadow.
+    assert (lit != reached).sum() < 0.15 * (~reached).sum()
