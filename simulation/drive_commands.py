@@ -31,6 +31,7 @@ class PlanarPose(NamedTuple):
 
 
 STANDSTILL = Twist(0.0, 0.0)
+ORIGIN = PlanarPose(0.0, 0.0, 0.0)
 
 
 class DriveCommands(Protocol):
@@ -40,7 +41,7 @@ class DriveCommands(Protocol):
         """Return what is wanted at `t_s` seconds after the rest; called with rising times."""
 
 
-def check_speed(speed_m_s: float) -> None:
+def _check_speed(speed_m_s: float) -> None:
     """Raise SimulationError unless the vehicle can drive that fast."""
     if not 0.0 < abs(speed_m_s) <= MAX_SPEED_M_S:
         raise SimulationError(
@@ -60,7 +61,7 @@ class Line:
     speed_m_s: float = 0.3
 
     def __post_init__(self) -> None:
-        check_speed(self.speed_m_s)
+        _check_speed(self.speed_m_s)
 
     def twist(self, t_s: float, pose: PlanarPose) -> Twist:  # noqa: ARG002 - open loop
         """Return the constant twist."""
@@ -75,7 +76,7 @@ class Arc:
     radius_m: float = 2.0
 
     def __post_init__(self) -> None:
-        check_speed(self.speed_m_s)
+        _check_speed(self.speed_m_s)
         _check_positive("radius_m without its sign", abs(self.radius_m))
 
     def twist(self, t_s: float, pose: PlanarPose) -> Twist:  # noqa: ARG002 - open loop
@@ -96,7 +97,7 @@ class SCurve:
     period_s: float = 12.0
 
     def __post_init__(self) -> None:
-        check_speed(self.speed_m_s)
+        _check_speed(self.speed_m_s)
         _check_positive("period_s", self.period_s)
 
     def twist(self, t_s: float, pose: PlanarPose) -> Twist:  # noqa: ARG002 - open loop
@@ -114,7 +115,7 @@ class StopAndGo:
     stop_s: float = 2.0
 
     def __post_init__(self) -> None:
-        check_speed(self.speed_m_s)
+        _check_speed(self.speed_m_s)
         _check_positive("go_s", self.go_s)
         _check_positive("stop_s", self.stop_s)
 
@@ -151,7 +152,7 @@ class Waypoints:
     ) -> None:
         if not points_m or not all(math.isfinite(c) for point in points_m for c in point):
             raise SimulationError("waypoints need at least one (x, y), all finite")
-        check_speed(speed_m_s)
+        _check_speed(speed_m_s)
         _check_positive("speed_m_s of waypoints", speed_m_s)
         _check_positive("reached_m", reached_m)
         self._points_m = tuple(points_m)
@@ -180,7 +181,7 @@ class Waypoints:
 
 
 def loop(
-    start: PlanarPose = PlanarPose(0.0, 0.0, 0.0),  # noqa: B008 - immutable
+    start: PlanarPose = ORIGIN,
     radius_m: float = 1.5,
     speed_m_s: float = 0.3,
     laps: int = 1,

@@ -21,8 +21,8 @@ TRACK_M = 0.37559
 WHEEL_Z_M = 0.0345
 MAX_SPEED_M_S = 2.0
 MAX_YAW_RATE_RAD_S = 4.0
-# The base's own controller turns yaw rates into wheel speeds by this factor on the track.
-COMMAND_TRACK_RATIO = 1.5
+# By this the base's own controller turns yaw rates into wheel speeds.
+EFFECTIVE_TRACK_M = 1.5 * TRACK_M
 
 STEP_S = 0.0005
 # Speed controller of a wheel: holds the integral of the commanded speed, so that it neither

@@ -23,7 +23,7 @@ Float64Array = NDArray[np.float64]
 Contact = Literal["soil", "native"]
 
 STEPS_PER_MS = round(1e-3 / jackal.STEP_S)
-_SETTLE_MS = 2000
+_SETTLE_MS = 1500
 _SINKAGE_M = 0.015  # about what the wheels' load makes; only a start for settling
 # A wheel's commanded angle leads its true one by what gives the full torque, and no more.
 _MAX_LEAD_RAD = jackal.MOTOR_TORQUE_NM / jackal.MOTOR_STIFFNESS

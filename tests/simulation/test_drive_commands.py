@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simulation.drive_commands import (
+    ORIGIN,
     STANDSTILL,
     Arc,
     DriveCommands,
@@ -34,9 +35,6 @@ def follow(commands: DriveCommands, seconds: float, start: PlanarPose) -> list[P
         )
         poses.append(pose)
     return poses
-
-
-ORIGIN = PlanarPose(0.0, 0.0, 0.0)
 
 
 def test_line_and_arc() -> None:
