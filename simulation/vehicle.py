@@ -23,7 +23,8 @@ Float64Array = NDArray[np.float64]
 Contact = Literal["soil", "native"]
 
 STEPS_PER_MS = round(1e-3 / jackal.STEP_S)
-_SETTLE_MS = 1500
+_LONGEST_SETTLING_MS = 4000
+_SETTLED = 1e-4  # m/s and rad/s, of every joint
 _SINKAGE_M = 0.015  # about what the wheels' load makes; only a start for settling
 # A wheel's commanded angle leads its true one by what gives the full torque, and no more.
 _MAX_LEAD_RAD = jackal.MOTOR_TORQUE_NM / jackal.MOTOR_STIFFNESS
@@ -123,8 +124,10 @@ class Vehicle:
         self._target_rad[:] = 0.0
         if self._soil_contact:
             self._soil_contact.reset()
-        for _ in range(_SETTLE_MS):
+        for _ in range(_LONGEST_SETTLING_MS):
             self.advance(np.zeros(4), Disturbance())
+            if np.abs(self._data.qvel).max() < _SETTLED:
+                break
 
     def advance(self, wheel_rate_rad_s: Float64Array, disturbance: Disturbance) -> None:
         """Move on by one millisecond with these (4,) commanded wheel rates.
