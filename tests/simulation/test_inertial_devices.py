@@ -82,6 +82,7 @@ def test_a_perfect_gyro_reports_the_yaw_rate_to_a_count() -> None:
 
 def test_counts_are_those_that_the_driver_decodes() -> None:
     for sample in gyro_samples(Gyro(), 0.5, -0.2):
+        assert sample.raw_counts is not None
         data = sample.raw_counts.to_bytes(3, "big", signed=True)
         assert decode(CHIPS["xv7001bb"], data) == (sample.raw_counts, sample.rate_rad_s)
 
