@@ -74,7 +74,7 @@ def _march(terrain: AnalyticTerrain, origin: Float64Array, ray: Float64Array) ->
 @pytest.mark.parametrize("seed", [1, 4])
 def test_the_first_hit_is_found_on_rough_ground(seed: int) -> None:
     drive = IdealDrive(seed, 3.0)
-    position, rotation = drive.camera_pose(1.3)
+    position, rotation = drive.body_pose(1_300_000_000)
     z, _ = trace(drive.terrain, CAMERA, position, rotation, 4.5)
     rays = _rays(rotation)
     for v in range(0, CAMERA.height_px, 5):

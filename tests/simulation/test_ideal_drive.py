@@ -7,7 +7,9 @@ import pytest
 
 from drivers.errors import DriverError, EndOfSource
 from drivers.samples import DepthFrame, PoseSample, Sample
-from simulation.ideal_drive import START_NS, IdealDrive
+from simulation.drive_source import START_NS
+from simulation.errors import SimulationError
+from simulation.ideal_drive import IdealDrive
 from tests.fakes.recordings import bits
 
 
@@ -44,7 +46,7 @@ def test_the_same_seed_gives_the_same_bits_again_and_after_reopening() -> None:
 def test_the_camera_rides_above_the_ground_and_looks_down() -> None:
     drive = IdealDrive(4, 5.0)
     for t_s in np.linspace(0.0, 5.0, 11):
-        position, rotation = drive.camera_pose(float(t_s))
+        position, rotation = drive.body_pose(round(t_s * 1e9))
         ground = float(drive.terrain.height_m(position[:1], position[1:2])[0])
         assert position[2] - ground == pytest.approx(0.40)
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
@@ -74,10 +76,10 @@ def test_a_wider_range_shows_more() -> None:
 
 def test_there_is_no_truth_before_anything_was_seen() -> None:
     drive = IdealDrive(1, 0.2)
-    with pytest.raises(DriverError, match="nothing seen in that range"):
+    with pytest.raises(SimulationError, match="saw no ground within its range"):
         drive.truth(0.05, 0.5, 2.0)
     _play(drive)
-    with pytest.raises(DriverError, match="nothing seen in that range"):
+    with pytest.raises(SimulationError, match="saw no ground within its range"):
         drive.truth(0.05, 9.0, 10.0)
 
 
