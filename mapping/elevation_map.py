@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mapping.cell_layers import CellLayers
 from mapping.errors import MappingError
 from mapping.grid import Grid
+from mapping.relief_kernels import surrounding_relief
 from mapping.settings import MapSettings
 
 Float32Array = NDArray[np.float32]
@@ -98,8 +99,10 @@ def read_out(
     """Return the map that a grid holds, cut to the cells that were seen.
 
     Variance = what differs from frame to frame + |sensitivities to the constant errors|^2 +
-    mount_sigma_m^2 + relief_share * (spread inside the cell + |slope|^2 d^2 / 12). The last term
-    is the spread that one view does not show: a far image row crosses a cell along one line.
+    mount_sigma_m^2 + relief. Relief is relief_share * (spread inside the cell + |slope|^2 d^2 / 12)
+    + min(2, relief_share + relief_frames / frames) * (variance around a plane in 5 x 5 cells). The
+    slope term is spread that one view does not show: a far image row crosses a cell along one
+    line. The last term is the ground that few views have sampled here and there in the cell.
     Rounding the height to float32 counts as noise that differs from frame to frame; it matters
     some kilometres above the origin of the terrain frame (0.3 mm at 10 km).
 
@@ -123,7 +126,11 @@ def read_out(
     slope2 = _slope_squared(layers.elevation_m, ~few, settings.resolution_m)
     spread = np.maximum(layers.relief_m2, np.float32(0.0))
     spread += slope2 * np.float32(settings.resolution_m**2 / 12.0)
+    around = np.empty_like(spread)
+    surrounding_relief(layers.elevation_m, independent, ~few, around)
+    unsampled = settings.relief_share + settings.relief_frames / np.maximum(layers.frames, 1)
     relief = np.float32(settings.relief_share) * spread
+    relief += np.minimum(unsampled, 2.0).astype(np.float32) * around
     variance = independent + systematic + relief
     return ElevationMap(
         resolution_m=settings.resolution_m,

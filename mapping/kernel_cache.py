@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.samples import CameraIntrinsics
-from mapping import measurement_kernels, update_kernels
+from mapping import measurement_kernels, relief_kernels, update_kernels
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.grid import GrowingGrid
 from mapping.measurement import FrameReducer, View
@@ -19,6 +19,7 @@ _ENTRY_POINTS = (
     measurement_kernels.ranges_from_millimetres,
     measurement_kernels.accumulate,
     update_kernels.fuse,
+    relief_kernels.surrounding_relief,
 )
 
 
@@ -49,3 +50,8 @@ def compile_kernels() -> None:
     sums, _ = reducer.reduce(view, window)
     constants = reducer.frame_constants(view, window, grid.position(window))
     update_kernels.fuse(sums, constants, fusion_constants(settings), grid.layers)
+    height = grid.layers.elevation_m
+    around = np.zeros(height.shape, np.float32)
+    relief_kernels.surrounding_relief(
+        height, around, np.zeros(height.shape, np.bool_), around.copy()
+    )

@@ -21,7 +21,7 @@ from simulation.ideal_drive import IdealDrive
 from tests.mapping.scenes import mount
 
 SEEDS = (0, 4, 5)
-SECONDS = 2.0
+SECONDS = 4.0
 NOISE = parse_noise(json.dumps(IDEAL_CAMERA_NOISE), "the ideal camera")
 
 
@@ -66,10 +66,10 @@ def _pooled(runs: list[Run]) -> Accuracy:
 
 def test_every_frame_and_every_reading_is_mapped(runs: list[Run]) -> None:
     for run in runs:
-        assert run.counts.frames == 20
+        assert run.counts.frames == 40
         assert run.counts.frames_without_pose == run.counts.poses_out_of_order == 0
         assert run.counts.readings_outside == 0
-        assert run.counts.readings == pytest.approx(20 * 320 * 240, rel=0.1)
+        assert run.counts.readings == pytest.approx(40 * 320 * 240, rel=0.1)
 
 
 def test_heights_are_true_to_five_millimetres(runs: list[Run]) -> None:

@@ -14,6 +14,7 @@ from mapping.settings import MapSettings
 MAY_BE_ZERO = {
     "common_correlation_time_s",
     "relief_share",
+    "relief_frames",
     "mount_sigma_m",
     "mount_sigma_rad",
 }
