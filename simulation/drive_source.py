@@ -12,11 +12,10 @@ from scipy.spatial.transform import Rotation
 from drivers.errors import DriverError, EndOfSource
 from drivers.samples import DepthFrame, PoseSample, Sample, frozen_array
 from drivers.source import SourceInfo
+from simulation.motion import START_NS
 
 Float64Array = NDArray[np.float64]
 
-# 2026-01-01 00:00 UTC: simulated stamps look like recorded ones, and never depend on the clock.
-START_NS = 1_767_225_600_000_000_000
 FRAME_PERIOD_NS = 100_000_000
 _POSES_PER_FRAME = 5
 

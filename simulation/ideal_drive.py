@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from drivers.errors import DriverError
 from drivers.samples import DepthFrame
 from simulation.camera_mount import BODY_FROM_OPTICAL
-from simulation.drive_source import FRAME_PERIOD_NS, START_NS, DriveSource
+from simulation.drive_source import FRAME_PERIOD_NS, DriveSource
 from simulation.ideal_camera import noisy_depth_mm, trace
 from simulation.kinect import kinect_320
+from simulation.motion import START_NS
 from simulation.terrain import AnalyticTerrain, crater_field
 from simulation.truth import SeenCells, Truth
 

@@ -11,6 +11,8 @@ Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
 
 STEP_NS = 1_000_000
+# 2026-01-01 00:00 UTC: simulated stamps look like recorded ones, and never depend on the clock.
+START_NS = 1_767_225_600_000_000_000
 
 
 @dataclass(frozen=True, slots=True)

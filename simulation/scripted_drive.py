@@ -10,8 +10,9 @@ from drivers.errors import DriverError
 from drivers.samples import DepthFrame
 from simulation.camera_mount import CameraMount, camera_is_body
 from simulation.depth_camera import DepthCamera
-from simulation.drive_source import FRAME_PERIOD_NS, START_NS, DriveSource
+from simulation.drive_source import FRAME_PERIOD_NS, DriveSource
 from simulation.errors import SimulationError
+from simulation.motion import START_NS
 from simulation.truth import SeenCells, Truth
 
 Float64Array = NDArray[np.float64]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from simulation.errors import SimulationError
 from simulation.height_grid import HeightGrid
+from simulation.motion import STEP_NS, Motion
 from simulation.truth import Truth
 
 Float64Array = NDArray[np.float64]
@@ -67,6 +68,28 @@ def pose_signals(
         "position": Signal(t_ns, position_m, "m", "position of the tracked body in the world"),
         "quat_wxyz": Signal(t_ns, quat_wxyz, "1", "quaternion (w, x, y, z), body to world axes"),
     }
+
+
+def motion_signals(motion: Motion) -> dict[str, Signal]:
+    """Return everything that is known of a vehicle's motion, every millisecond."""
+    t_ns = motion.start_ns + STEP_NS * np.arange(len(motion.position_m), dtype=np.int64)
+    rest = {
+        "velocity": (motion.velocity_m_s, "m s-1", "of the tracked body, world axes"),
+        "body_rate": (motion.body_rate_rad_s, "rad s-1", "angular velocity, body axes"),
+        "specific_force": (
+            motion.acceleration_m_s2,
+            "m s-2",
+            "at the accelerometer, body axes, mean over the millisecond that ends there",
+        ),
+        "wheel_rate": (
+            motion.wheel_rate_rad_s,
+            "rad s-1",
+            "front left, rear left, front right, rear right",
+        ),
+        "command": (motion.command, "1", "speed (m/s) and yaw rate (rad/s) the base was told"),
+    }
+    poses = pose_signals(t_ns, motion.position_m, motion.quat_wxyz)
+    return poses | {name: Signal(t_ns, *what) for name, what in rest.items()}
 
 
 def write_truth_file(

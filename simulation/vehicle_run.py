@@ -23,7 +23,7 @@ from simulation.errors import SimulationError
 from simulation.fault_forces import FaultForces
 from simulation.faults import Fault
 from simulation.height_grid import HeightGrid
-from simulation.motion import Motion
+from simulation.motion import START_NS, Motion
 from simulation.motion_capture import MotionCapture, pose_stream
 from simulation.soil import Soil
 from simulation.vehicle import Contact, Vehicle
@@ -33,8 +33,6 @@ from simulation.yaw_gyro import Gyro, gyro_stream
 
 Float64Array = NDArray[np.float64]
 
-# 2026-01-01 00:00 UTC: simulated stamps look like recorded ones, and never depend on the clock.
-START_NS = 1_767_225_600_000_000_000
 LONGEST_S = 3600.0
 _COMMAND_MS = 20  # the base takes commands at 50 Hz
 

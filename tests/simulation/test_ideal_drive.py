@@ -7,9 +7,9 @@ import pytest
 
 from drivers.errors import DriverError, EndOfSource
 from drivers.samples import DepthFrame, PoseSample, Sample
-from simulation.drive_source import START_NS
 from simulation.errors import SimulationError
 from simulation.ideal_drive import IdealDrive
+from simulation.motion import START_NS
 from tests.fakes.recordings import bits
 
 
