@@ -161,3 +161,19 @@ def test_map_settings_reach_the_grid() -> None:
     assert result.map.x_m.max() < 1.0
     assert result.counts.readings_outside > 0
     assert math.isclose(result.map.x_m[1] - result.map.x_m[0], 0.1)
+
+
+def test_the_recordings_map_section_counts_where_the_user_says_nothing() -> None:
+    recorded = {"map": {"resolution_m": 0.1, "gate_sigma": 2.5, "grid": "scrolling"}}
+    options = MapOptions(MapSettings(resolution_m=0.05), given=frozenset({"resolution_m"}))
+    result = _map(recorded, options)
+    assert (result.settings.resolution_m, result.settings.gate_sigma) == (0.05, 2.5)
+    assert result.settings.grid == "scrolling"
+
+
+@pytest.mark.parametrize(
+    "section", [3, {"colour": 1}, {"gate_sigma": "wide"}, {"grid": 2}, {"gate_sigma": -1.0}]
+)
+def test_a_map_section_that_is_none_is_refused(section: object) -> None:
+    with pytest.raises(MappingError, match="map section|gate_sigma"):
+        _map({"map": section}, MapOptions(MapSettings()))
