@@ -175,5 +175,5 @@ def test_the_recordings_map_section_counts_where_the_user_says_nothing() -> None
     "section", [3, {"colour": 1}, {"gate_sigma": "wide"}, {"grid": 2}, {"gate_sigma": -1.0}]
 )
 def test_a_map_section_that_is_none_is_refused(section: object) -> None:
-    with pytest.raises(MappingError, match="map section|gate_sigma"):
+    with pytest.raises(MappingError, match=r"map section|gate_sigma"):
         _map({"map": section}, MapOptions(MapSettings()))
