@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -174,7 +175,9 @@ def test_there_and_back_is_long_enough() -> None:
         ("simulation", 1, 10.0, "guessed", "true, mocap"),
     ],
 )
-def test_impossible_scenarios_are_refused(name, seed, seconds, poses, words) -> None:  # type: ignore[no-untyped-def]
+def test_impossible_scenarios_are_refused(
+    name: str, seed: int, seconds: float, poses: Any, words: str
+) -> None:
     with pytest.raises(SimulationError, match=words) as refused:
         make_scenario(name, seed, seconds, poses)
     assert "\n" not in str(refused.value)
