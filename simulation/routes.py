@@ -13,10 +13,11 @@ from simulation import jackal
 Float64Array = NDArray[np.float64]
 Point = tuple[float, float]
 
-# Lower rocks pass under the chassis, or a wheel climbs them.
-_LOW_ROCK_M = 0.05
+# A wheel climbs lower rocks, even in a turn.
+_LOW_ROCK_M = 0.03
 _OFFSETS_M = np.linspace(-1.5, 1.5, 31)
 _CLEARANCE_M = jackal.TRACK_M / 2.0 + jackal.WHEEL_WIDTH_M / 2.0 + 0.15
+_NEAR_M = 3.0  # farther rocks do not reach any of the offsets
 _TURN_COST = 10.0
 _ROCK_COST = 1e4  # for the square of its height, m^2
 
@@ -66,9 +67,11 @@ def around_rocks(points_m: Float64Array, normals: Float64Array, rocks: Float64Ar
 def _rock_costs(begin_m: Float64Array, end_m: Float64Array, rocks: Float64Array) -> Float64Array:
     """Return (K, K) costs of the straight ways from each of (K, 2) places to each of the next."""
     costs = np.zeros((len(begin_m), len(end_m)))
+    middle = (begin_m + end_m).mean(axis=0) / 2.0
+    near = np.linalg.norm(rocks[:, :2] - middle, axis=1) < _NEAR_M
     way = end_m - begin_m[:, np.newaxis]
     length2 = (way**2).sum(axis=-1)
-    for x, y, diameter, height_m, *_ in rocks:
+    for x, y, diameter, height_m, *_ in rocks[near]:
         to_rock = [x, y] - begin_m[:, np.newaxis]
         share = np.clip((to_rock * way).sum(axis=-1) / length2, 0.0, 1.0)
         away = np.linalg.norm(to_rock - share[..., np.newaxis] * way, axis=-1)

@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-import numpy as np
-
 from simulation.camera_mount import CameraMount, on_rover
 from simulation.depth_camera import ZENITH, DepthCamera
 from simulation.drive_commands import DriveCommands, Waypoints
@@ -112,7 +110,7 @@ def _moon(preset: str) -> Callable[[int, float], _World]:
     def make(seed: int, seconds: float) -> _World:
         terrain = lunar_terrain(preset, seed, extent=_MOON_EXTENT)
         lap = around_rocks(*circle(_CIRCLE_M, _CIRCLE_STEP_M), terrain.rocks)
-        laps = math.ceil(seconds * _SPEED_M_S / (2.0 * np.pi * _CIRCLE_M))
+        laps = math.ceil(seconds * _SPEED_M_S / (2.0 * math.pi * _CIRCLE_M))
         return _World(terrain.grid, lap * laps, DriveOptions(), KinectModel(), ZENITH, "true")
 
     return make

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -147,7 +148,7 @@ def test_the_way_leads_around_high_rocks_only() -> None:
     blocked = points[[5, 20]]
     rocks = np.zeros((2, 6))
     rocks[:, :2], rocks[:, 2] = blocked, 0.3
-    rocks[:, 3] = [0.15, 0.03]  # the second is low
+    rocks[:, 3] = [0.15, 0.02]  # the second is low
     way = np.array(around_rocks(points, normals, rocks))
     finely = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(way)])
     away = np.linalg.norm(finely - blocked[0], axis=1)
@@ -174,7 +175,9 @@ def test_there_and_back_is_long_enough() -> None:
         ("simulation", 1, 10.0, "guessed", "true, mocap"),
     ],
 )
-def test_impossible_scenarios_are_refused(name, seed, seconds, poses, words) -> None:  # type: ignore[no-untyped-def]
+def test_impossible_scenarios_are_refused(
+    name: str, seed: int, seconds: float, poses: Any, words: str
+) -> None:
     with pytest.raises(SimulationError, match=words) as refused:
         make_scenario(name, seed, seconds, poses)
     assert "\n" not in str(refused.value)
