@@ -13,6 +13,7 @@ from mapping.elevation_map import CellState, ElevationMap
 from mapping.errors import MappingError
 from mapping.evaluation import CONFIRMED
 from mapping.files import write_whole
+from mapping.layers import derive
 from mapping.netcdf import FRAME, software
 
 # A right-handed metric plane that is tied to no planet: the terrain frame.
@@ -40,7 +41,10 @@ def export(map_: ElevationMap, path: Path) -> None:
 
 
 def geotiff(map_: ElevationMap) -> bytes:
-    """Return a GeoTIFF: bands elevation, sigma, lower, upper (m) and state, float32, NaN = unknown.
+    """Return a GeoTIFF of float32 bands, NaN = unknown.
+
+    Elevation, sigma, lower, upper (m) and state; slope (rad), roughness, step (m) and
+    traversability of `mapping.layers`.
 
     Row 0 is the largest y (north up); the reference system is a local one in metres.
     """
@@ -48,12 +52,17 @@ def geotiff(map_: ElevationMap) -> bytes:
     from rasterio import Affine
     from rasterio.io import MemoryFile
 
+    layers = derive(map_)
     bands = {
-        "elevation": map_.elevation_m,
-        "sigma": map_.sigma_m,
-        "lower": map_.lower_m,
-        "upper": map_.upper_m,
-        "state": map_.state.astype(np.float32),
+        "elevation": ("m", map_.elevation_m),
+        "sigma": ("m", map_.sigma_m),
+        "lower": ("m", map_.lower_m),
+        "upper": ("m", map_.upper_m),
+        "state": ("1", map_.state.astype(np.float32)),
+        "slope": ("rad", layers.slope_rad),
+        "roughness": ("m", layers.roughness_m),
+        "step": ("m", layers.step_m),
+        "traversability": ("1", layers.traversability),
     }
     edge_m, half_m = map_.resolution_m, 0.5 * map_.resolution_m
     rows, columns = map_.state.shape
@@ -72,9 +81,9 @@ def geotiff(map_: ElevationMap) -> bytes:
             compress="deflate",
             predictor=3,
         ) as file:
-            file.write(np.stack([band[::-1] for band in bands.values()]))
+            file.write(np.stack([band[::-1] for _, band in bands.values()]))
             file.descriptions = tuple(bands)
-            file.units = ("m", "m", "m", "m", "1")
+            file.units = tuple(unit for unit, _ in bands.values())
             file.update_tags(
                 SOFTWARE=software(),
                 FRAME=FRAME,

@@ -92,11 +92,16 @@ def plan(map_: ElevationMap, title: str) -> tuple[Figure, Axes]:
     size = (max(scale * columns, _BREADTH_MIN_IN) + 1.8, max(scale * rows, _BREADTH_MIN_IN) + 0.8)
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.add_subplot()
+    label_plan(axes, title)
+    return figure, axes
+
+
+def label_plan(axes: Axes, title: str) -> None:
+    """Give the axes of a plan their words and their ground."""
     axes.set_title(title, fontsize="medium")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.set_facecolor(_GREY)
-    return figure, axes
 
 
 def draw(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mapping.elevation_map import ElevationMap
 from mapping.errors import MappingError
 from mapping.figure_errors import consistency_figure, error_figure
+from mapping.figure_layers import layers_figure
 from mapping.figure_plan import height_figure, sigma_figure, state_figure
 from mapping.figure_profile import longest_section, profile_figure
 from mapping.figure_surface import surface_figure
@@ -32,8 +33,8 @@ def write_figures(
 
     Args:
         map_: the map.
-        folder: gets height.png, sigma.png, state.png, profile.png, surface.png and, with a
-            truth, error.png and consistency.png.
+        folder: gets height.png, sigma.png, state.png, layers.png, profile.png, surface.png
+            and, with a truth, error.png and consistency.png.
         truth_m: true heights at the cell centres, NaN = none.
 
     Raises:
@@ -45,6 +46,7 @@ def write_figures(
         "height": height_figure(map_, section),
         "sigma": sigma_figure(map_),
         "state": state_figure(map_),
+        "layers": layers_figure(map_),
         "profile": profile_figure(map_, section, truth_m),
         "surface": surface_figure(map_, truth_m),
     }

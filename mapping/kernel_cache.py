@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from drivers.samples import CameraIntrinsics
-from mapping import measurement_kernels, relief_kernels, update_kernels
+from mapping import layer_kernels, measurement_kernels, relief_kernels, update_kernels
+from mapping.elevation_map import read_out
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.grid import GrowingGrid
+from mapping.layers import derive
 from mapping.measurement import FrameReducer, View
 from mapping.noise import NGUYEN_2012
 from mapping.settings import MapSettings
@@ -20,6 +22,9 @@ _ENTRY_POINTS = (
     measurement_kernels.accumulate,
     update_kernels.fuse,
     relief_kernels.surrounding_relief,
+    layer_kernels.plane_layers,
+    layer_kernels.step_heights,
+    layer_kernels.supported_steps,
 )
 
 
@@ -50,8 +55,4 @@ def compile_kernels() -> None:
     sums, _ = reducer.reduce(view, window)
     constants = reducer.frame_constants(view, window, grid.position(window))
     update_kernels.fuse(sums, constants, fusion_constants(settings), grid.layers)
-    height = grid.layers.elevation_m
-    around = np.zeros(height.shape, np.float32)
-    relief_kernels.surrounding_relief(
-        height, around, np.zeros(height.shape, np.bool_), around.copy()
-    )
+    derive(read_out(grid, settings, {}))

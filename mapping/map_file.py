@@ -1,12 +1,15 @@
 """The map as one NetCDF-4 file by the CF conventions; any NetCDF program opens it.
 
-Dimensions (y, x), cell centres in metres, row 0 = smallest y. `lower` and `upper` are written for
-readers and not read back. `time` is in plain nanoseconds of the recording's clock: as a date it
-would be wrong for a monotonic clock, and as a floating number it would lose its last digits.
+Dimensions (y, x), cell centres in metres, row 0 = smallest y. `lower`, `upper` and the layers of
+`mapping.layers` follow from the others: they are written for readers, and neither read back nor
+part of the checksum of the map's arrays. `time` is in plain nanoseconds of the recording's clock:
+as a date it would be wrong for a monotonic clock, and as a floating number it would lose its last
+digits.
 """
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +18,7 @@ import xarray as xr
 
 from mapping.elevation_map import CellState, ElevationMap
 from mapping.errors import MappingError
+from mapping.layers import LayerSettings, derive
 from mapping.netcdf import CONVENTIONS, FRAME, damaged, read_netcdf, software, write_netcdf
 
 _SHA256 = "arrays_sha256"
@@ -24,7 +28,7 @@ _PREFIX = "map_"
 
 
 class _Layer(NamedTuple):
-    """A layer of the file: field of `ElevationMap` that it holds, and what it is."""
+    """A layer of the file: field of `ElevationMap` or `DerivedLayers` that it holds."""
 
     field: str
     units: str
@@ -51,7 +55,17 @@ _LAYERS = {
     "time": _Layer("last_seen_ns", "ns", "clock of the last contribution, 0 where there is none"),
     "state": _Layer("state", "1", "what is known of the cell", "status_flag"),
 }
-_DERIVED = ("lower", "upper")
+_NOT_READ = ("lower", "upper")
+_DERIVED_LAYERS = {
+    "slope": _Layer("slope_rad", "rad", "angle between the surface and the horizontal"),
+    "slope_sigma": _Layer("slope_sigma_rad", "rad", "standard deviation of the slope from noise"),
+    "normal_x": _Layer("normal_x", "1", "x of the upward unit normal, whose z is cos(slope)"),
+    "normal_y": _Layer("normal_y", "1", "y of the upward unit normal, whose z is cos(slope)"),
+    "roughness": _Layer("roughness_m", "m", "standard deviation of the distances from a plane"),
+    "roughness_noise": _Layer("roughness_noise_m", "m", "roughness that noise alone would show"),
+    "step": _Layer("step_m", "m", "range of the heights around the cell"),
+    "traversability": _Layer("traversability", "1", "0 = beyond a limit, 1 = level and smooth"),
+}
 
 
 def write_map(map_: ElevationMap, path: Path) -> None:
@@ -70,7 +84,7 @@ def read_map(path: Path) -> ElevationMap:
         MappingError: the file cannot be read, is no map, or is not as it was written.
     """
     dataset = read_netcdf(path)
-    stored = {name: layer for name, layer in _LAYERS.items() if name not in _DERIVED}
+    stored = {name: layer for name, layer in _LAYERS.items() if name not in _NOT_READ}
     missing = sorted({*stored, "x", "y"} - set(dataset.variables))
     missing += sorted({_SHA256, _RESOLUTION} - set(dataset.attrs))
     if missing:
@@ -91,10 +105,13 @@ def read_map(path: Path) -> ElevationMap:
 
 
 def _dataset(map_: ElevationMap) -> xr.Dataset:
+    layer_settings = LayerSettings()
+    sources = ((map_, _LAYERS), (derive(map_, layer_settings), _DERIVED_LAYERS))
     dataset = xr.Dataset(
         {
-            name: (("y", "x"), getattr(map_, layer.field), _layer_attributes(name, layer))
-            for name, layer in _LAYERS.items()
+            name: (("y", "x"), getattr(source, layer.field), _layer_attributes(name, layer))
+            for source, layers in sources
+            for name, layer in layers.items()
         },
         coords={axis: _axis(axis, getattr(map_, f"{axis}_m")) for axis in ("x", "y")},
         attrs={
@@ -106,6 +123,7 @@ def _dataset(map_: ElevationMap) -> xr.Dataset:
             _SHA256: map_.sha256(),
         },
     )
+    dataset.attrs |= {f"layer_{name}": value for name, value in asdict(layer_settings).items()}
     dataset.attrs |= {f"{_PREFIX}{name}": value for name, value in map_.attributes.items()}
     return dataset
 

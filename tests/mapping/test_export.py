@@ -13,6 +13,7 @@ from PIL import Image
 from mapping.elevation_map import CellState
 from mapping.errors import MappingError
 from mapping.export import export
+from mapping.layers import derive
 from tests.mapping.maps import hilly_map, make_map
 
 NAN = np.nan
@@ -22,8 +23,9 @@ def test_a_geotiff_has_bands_units_and_a_place(tmp_path: Path) -> None:
     map_ = hilly_map()
     export(map_, tmp_path / "map.tif")
     with rasterio.open(tmp_path / "map.tif") as file:
-        assert file.descriptions == ("elevation", "sigma", "lower", "upper", "state")
-        assert file.units == ("m", "m", "m", "m", "1")
+        measured = ("elevation", "sigma", "lower", "upper", "state")
+        assert file.descriptions == (*measured, "slope", "roughness", "step", "traversability")
+        assert file.units == ("m", "m", "m", "m", "1", "rad", "m", "m", "1")
         assert set(file.dtypes) == {"float32"}
         assert np.isnan(file.nodata)
         assert 'LOCAL_CS["terravibe terrain frame",UNIT["metre",1' in file.crs.wkt
@@ -33,7 +35,11 @@ def test_a_geotiff_has_bands_units_and_a_place(tmp_path: Path) -> None:
         for row, column in ((0, 0), (3, 7), (29, 39)):
             x, y = file.xy(29 - row, column)
             assert (x, y) == pytest.approx((map_.x_m[column], map_.y_m[row]))
-    layers = (map_.elevation_m, map_.sigma_m, map_.lower_m, map_.upper_m, map_.state)
+    more = derive(map_)
+    layers = (
+        *(map_.elevation_m, map_.sigma_m, map_.lower_m, map_.upper_m, map_.state),
+        *(more.slope_rad, more.roughness_m, more.step_m, more.traversability),
+    )
     for band, layer in zip(bands, layers, strict=True):
         np.testing.assert_array_equal(band[::-1], layer)
     assert [entry.name for entry in tmp_path.iterdir()] == ["map.tif"]

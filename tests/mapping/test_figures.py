@@ -17,13 +17,14 @@ from PIL import Image
 from mapping.elevation_map import CellState, ElevationMap
 from mapping.errors import MappingError
 from mapping.figure_errors import consistency_figure, error_figure
+from mapping.figure_layers import layers_figure
 from mapping.figure_plan import central_range, height_figure, sigma_figure, state_figure
 from mapping.figure_profile import Section, longest_section, profile_figure
 from mapping.figure_surface import surface_figure
 from mapping.figures import png_bytes, write_figures
 from tests.mapping.maps import hilly_map, make_map
 
-NAMES = ["height", "sigma", "state", "profile", "surface"]
+NAMES = ["height", "sigma", "state", "layers", "profile", "surface"]
 
 
 def _truth(map_: ElevationMap) -> NDArray[np.float64]:
@@ -59,7 +60,7 @@ def test_without_a_truth_there_are_no_errors_to_show(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 150), (150, 1), (2, 2)])
 def test_maps_of_any_shape_can_be_drawn(tmp_path: Path, shape: tuple[int, int]) -> None:
-    assert len(write_figures(make_map(np.zeros(shape)), tmp_path, np.zeros(shape))) == 7
+    assert len(write_figures(make_map(np.zeros(shape)), tmp_path, np.zeros(shape))) == 8
 
 
 def test_plans_have_units_equal_scales_and_the_right_place() -> None:
@@ -85,6 +86,19 @@ def test_states_are_counted() -> None:
     assert labels == [
         *("unknown\n1 cells", "unconfirmed\n0 cells", "measured\n2 cells", "uncertain\n0 cells")
     ]
+
+
+@pytest.mark.parametrize("shape", [(8, 20), (20, 8)])
+def test_the_layers_are_slope_and_traversability(shape: tuple[int, int]) -> None:
+    _, x = np.mgrid[0 : shape[0], 0 : shape[1]] * 0.04
+    figure = layers_figure(make_map(np.tan(np.radians(10.0)) * x))
+    slope, traversability = (axes.images[0].get_array() for axes in figure.axes[:2])
+    assert slope is not None
+    assert traversability is not None
+    np.testing.assert_allclose(slope, 10.0, rtol=1e-4)
+    np.testing.assert_allclose(traversability, 1.0 - np.radians(10.0), rtol=1e-3)
+    assert "Slope" in _words(figure)
+    assert "slope [deg]" in _words(figure)
 
 
 @pytest.mark.parametrize(

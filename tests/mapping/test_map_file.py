@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import resource
 import signal
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapping.errors import MappingError
+from mapping.layers import LayerSettings, derive
 from mapping.map_file import read_map, write_map
 from tests.fakes.ordinary_user import ordinary_user
 from tests.mapping.maps import EPOCH_NS, hilly_map, make_map
@@ -86,6 +87,40 @@ def test_a_plain_reader_sees_conventional_names_units_and_flags(path: Path) -> N
     assert by_place == pytest.approx(float(map_.elevation_m[2, 2]), nan_ok=True)
 
 
+def test_derived_layers_stand_beside_the_map_with_how_they_were_made(path: Path) -> None:
+    map_ = hilly_map()
+    layers = derive(map_)
+    write_map(map_, path)
+    with xr.open_dataset(path) as dataset:
+        for name, layer in (
+            ("slope", layers.slope_rad),
+            ("slope_sigma", layers.slope_sigma_rad),
+            ("normal_x", layers.normal_x),
+            ("normal_y", layers.normal_y),
+            ("roughness", layers.roughness_m),
+            ("roughness_noise", layers.roughness_noise_m),
+            ("step", layers.step_m),
+            ("traversability", layers.traversability),
+        ):
+            np.testing.assert_array_equal(dataset[name].values, layer)
+        for name, value in asdict(LayerSettings()).items():
+            assert dataset.attrs[f"layer_{name}"] == value
+
+
+def test_a_file_from_before_the_derived_layers_is_read(path: Path) -> None:
+    map_ = hilly_map()
+    write_map(map_, path)
+    with xr.open_dataset(path) as dataset:
+        old = dataset.load().drop_vars(
+            [
+                *("slope", "slope_sigma", "normal_x", "normal_y"),
+                *("roughness", "roughness_noise", "step", "traversability"),
+            ]
+        )
+    old.to_netcdf(path, engine="h5netcdf")
+    assert read_map(path).sha256() == map_.sha256()
+
+
 def test_layers_are_compressed(path: Path) -> None:
     write_map(make_map(np.zeros((300, 300))), path)
     assert path.stat().st_size < 300 * 300 * 4
@@ -96,7 +131,7 @@ def test_a_file_that_another_program_rewrote_is_read(path: Path) -> None:
     write_map(map_, path)
     with xr.open_dataset(path) as dataset:
         rewritten = dataset.load()
-    rewritten["slope"] = rewritten["elevation"] * 0
+    rewritten["mine"] = rewritten["elevation"] * 0
     rewritten.to_netcdf(path, engine="h5netcdf")
     assert read_map(path).sha256() == map_.sha256()
 
