@@ -12,6 +12,10 @@ from acquisition.messages import MESSAGE_TYPES
 from acquisition.ros_fields import unit_quaternion
 from drivers.source import SOURCES
 
+# A recording played again is no device, but may stand for some.
+REPLAY_KIND = "replay"
+KINDS = (*SOURCES, REPLAY_KIND)
+
 _Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 _NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -55,10 +59,8 @@ class DeviceEntry(BaseModel):
     @field_validator("kind")
     @classmethod
     def _is_known(cls, kind: str) -> str:
-        if kind not in SOURCES:
-            raise ValueError(
-                f"no device kind {kind!r}; expected one of {', '.join(sorted(SOURCES))}"
-            )
+        if kind not in KINDS:
+            raise ValueError(f"no device kind {kind!r}; expected one of {', '.join(sorted(KINDS))}")
         return kind
 
     def settings(self) -> dict[str, object]:

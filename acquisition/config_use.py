@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
 from acquisition import messages
 from acquisition.config import LoadedConfig, load
-from acquisition.config_model import DeviceEntry, Mount, RoverConfig
+from acquisition.config_model import REPLAY_KIND, DeviceEntry, Mount, RoverConfig
 from acquisition.disk_output import DiskOutput
 from acquisition.errors import ConfigError
 from acquisition.folder_store import MB, DiskSettings
 from acquisition.frames import DEPTH_OPTICAL_FRAME, StaticTransform
 from acquisition.recording_output import RecordingOutput
 from acquisition.recording_plan import RecordingPlan
+from acquisition.replay import Replay
 from acquisition.ring_output import RingOutput, RingSettings
 from acquisition.ros_fields import unit_quaternion
 from acquisition.source_worker import WorkerSettings
@@ -41,6 +43,9 @@ def sources_of(loaded: LoadedConfig) -> list[Source]:
 
 def _source(loaded: LoadedConfig, number: int, entry: DeviceEntry) -> Source:
     try:
+        if entry.kind == REPLAY_KIND:
+            replay: Callable[..., Source] = Replay
+            return replay(**entry.settings())
         return make_source(entry.kind, **entry.settings())
     except TypeError as error:
         where = loaded.where("devices", number)

@@ -76,6 +76,7 @@ class Recorder:
         self._lanes = [Lane(w, self._clock, self._plan.rates_hz) for w in self._workers]
         self._monitor = HealthMonitor(self._lanes, self._output, self._clock)
         self._clock_sequence = 0
+        self._newest_ns: int | None = None
         self._handed = 0
         self._hanging: tuple[str, ...] = ()
         self._stopped = False
@@ -209,21 +210,31 @@ class Recorder:
 
     def _write(self, items: Sequence[Stamped]) -> None:
         self._handed += len(items)
+        if items:
+            self._newest_ns = items[-1].log_time_ns
         self._output.write(items)
 
     def _tell_health(self) -> HealthSnapshot:
         """Take the figures of the interval, and write them to /diagnostics."""
         snapshot = self._monitor.end_interval()
         self.snapshot = snapshot
-        self._write([*self._clock_records(), Stamped(snapshot.t_ns, diagnostics_of(snapshot))])
+        self._write([*self._clock_records(), *self._health_records(snapshot)])
         return snapshot
 
-    def _clock_records(self) -> list[Stamped]:
-        """Return what the host's clocks say, and what happened to them, in log time.
+    def _is_live(self) -> bool:
+        """Tell whether this host's time is the recording's; not so when a recording is replayed."""
+        return any(lane.is_live() for lane in self._lanes)
 
-        Nothing when recorded samples are recorded anew: their times are not this host's.
-        """
-        if not any(lane.is_live() for lane in self._lanes):
+    def _health_records(self, snapshot: HealthSnapshot) -> list[Stamped]:
+        """Return the figures, stamped now, or with the newest recorded time that is replayed."""
+        t_ns = snapshot.t_ns if self._is_live() else self._newest_ns
+        if t_ns is None:
+            return []
+        return [Stamped(t_ns, diagnostics_of(replace(snapshot, t_ns=t_ns)))]
+
+    def _clock_records(self) -> list[Stamped]:
+        """Return what the host's clocks say, and what happened to them, in log time."""
+        if not self._is_live():
             return []
         samples = self._clock.samples(self._clock_sequence)
         self._clock_sequence += len(samples)

@@ -16,6 +16,7 @@ from acquisition.config import LoadedConfig, default_text, load, parse
 from acquisition.config_model import MapSection, RecordingSection, RoverConfig
 from acquisition.disk_output import DiskOutput
 from acquisition.errors import ConfigError
+from acquisition.replay import Replay
 from acquisition.ring_output import RingOutput
 from drivers.samples import DepthFrame
 from mapping.session import recorded_settings
@@ -222,3 +223,10 @@ def test_check_tells_everything_at_once(tmp_path: Path) -> None:
     assert config_use.check(path)[0].startswith(f"{path}:2: recording.folder")
     path.write_text(FULL)
     assert config_use.check(path) == []
+
+
+def test_a_recording_may_stand_for_devices() -> None:
+    entry = '[[devices]]\nkind = "replay"\nname = "again"\npath = "run.mcap"\nspeed = 0.0\n'
+    (source,) = config_use.sources_of(loaded(entry))
+    assert isinstance(source, Replay)
+    assert source.name == "again"

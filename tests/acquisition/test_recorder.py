@@ -408,3 +408,10 @@ def test_the_clocks_of_the_host_are_recorded_in_log_time(tmp_path: Path) -> None
     assert [(clock.t_ns, clock.sequence, clock.boot_id) for clock in clocks] == [
         (START_NS, 0, "boot")
     ]
+
+
+def test_a_replayed_recording_keeps_to_its_own_times(tmp_path: Path) -> None:
+    replayed = ScriptedSource("again", accelerations(0, 3), time_base="recorded")
+    messages, _ = read(record(tmp_path / "run.mcap", [replayed]).files[0])
+    assert not of_type(messages, ClockSample)
+    assert [health.t_ns for health in of_type(messages, Diagnostics)] == [2 * MS]
