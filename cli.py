@@ -8,15 +8,21 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import itertools
 import json
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+
+if TYPE_CHECKING:
+    from acquisition.console import Board
 
 _UNUSABLE = 2
 _INTERRUPTED = 130
+_LOG_EVERY = 10  # states, one a second
 _ROOMS = ("drivers", "acquisition", "mapping", "simulation")
 
 
@@ -29,10 +35,16 @@ class _Command(NamedTuple):
 
 _COMMANDS = {
     "demo": _Command("simulate a drive, record it, map it live, compare with the truth", "cli"),
+    "simulate": _Command("record a simulated drive, and write its truth beside it", "cli"),
     "devices": _Command("say what is plugged in and usable", "acquisition.device_commands"),
+    "config": _Command("make, check or show a rover.toml", "acquisition.record_commands"),
+    "record": _Command("record all devices of a rover.toml", "acquisition.record_commands"),
     "import": _Command("turn a folder of depth images into a recording", "acquisition.commands"),
     "info": _Command("say what a recording or a map holds", "mapping.commands"),
     "check": _Command("look for damage and gaps in a recording", "acquisition.commands"),
+    "recover": _Command("save what is intact of a recording", "acquisition.record_commands"),
+    "cut": _Command("copy a part of a recording", "acquisition.record_commands"),
+    "merge": _Command("copy several recordings into one", "acquisition.record_commands"),
     "map": _Command("turn a recording into an elevation map", "mapping.commands"),
     "export": _Command("convert a map to GeoTIFF, PLY or PNG, draw figures", "mapping.commands"),
     "evaluate": _Command("compare a map with the truth or a flat floor", "mapping.commands"),
@@ -66,6 +78,34 @@ class Terminal:
 
         with Console(stderr=True).status(text) as status:
             yield lambda reached: status.update(f"{text}: {reached}")
+
+    @contextmanager
+    def board(self) -> Iterator[Board]:
+        """Show a table that changes on a terminal, and lines every ten seconds elsewhere."""
+        if not sys.stderr.isatty():
+            yield self._log_now_and_then()
+            return
+        from rich.console import Console
+        from rich.live import Live
+
+        with Live(console=Console(stderr=True), auto_refresh=False) as live:
+
+            def draw(table: Callable[[], Any], lines: Callable[[], list[str]]) -> None:
+                del lines  # those are for a log
+                live.update(table(), refresh=True)
+
+            yield draw
+
+    def _log_now_and_then(self) -> Board:
+        calls = itertools.count()
+
+        def log(table: Callable[[], object], lines: Callable[[], list[str]]) -> None:
+            del table  # that is for a terminal
+            if next(calls) % _LOG_EVERY == 0:
+                for line in lines():
+                    self.note(line)
+
+        return log
 
 
 class _Parser(argparse.ArgumentParser):
@@ -169,7 +209,7 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_demo(options: argparse.Namespace, console: Terminal) -> int:
-    """Simulate, record, map live, judge and report; the only place that knows the simulator."""
+    """Simulate, record, map live, judge and report."""
     from acquisition.console import show
     from mapping.commands import frame_counter, prepare_kernels
     from mapping.demo import Demo, run
@@ -188,6 +228,67 @@ def run_demo(options: argparse.Namespace, console: Terminal) -> int:
     with console.progress(f"driving {options.seconds:g} s") as reached:
         result = run(demo, options.out, frame_counter(reached))
     show(console, result, as_json=options.json)
+    return 0
+
+
+def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare `terravibe simulate`."""
+    names = "simulation, smooth, rough, indoor or outdoor"
+    parser.add_argument("scenario", metavar="SCENARIO", help=names)
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="RUN.mcap")
+    parser.add_argument("--truth", type=Path, required=True, metavar="TRUTH.nc")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything (1)")
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, metavar="S", help="with 3 s at rest (20)"
+    )
+    parser.add_argument("--poses", choices=("true", "mocap"), help="instead of the scenario's own")
+
+
+def run_simulate(options: argparse.Namespace, console: Terminal) -> int:
+    """Drive, record and tell the truth; both files appear, or none."""
+    from acquisition.files import replacing
+    from acquisition.frames import StaticTransform
+    from acquisition.importing import record_all
+    from simulation.errors import SimulationError
+    from simulation.kinect_noise import kinect_noise_file
+    from simulation.scenario_source import ScenarioSource
+    from simulation.scenarios import make_scenario
+    from simulation.sensor_mounts import sensor_mounts
+    from simulation.truth_file import motion_signals, write_truth_file
+
+    output, truth, seconds = options.output, options.truth, options.seconds
+    if output.resolve() == truth.resolve():
+        raise SimulationError(f"recording and truth are both {output}; give two names")
+    begin = time.monotonic()
+    scenario = make_scenario(options.scenario, options.seed, seconds, options.poses)
+    mounts = sensor_mounts(scenario.options, scenario.mount)
+    with (
+        console.progress(f"simulating {seconds:g} s") as reached,
+        replacing(truth) as new_truth,
+        replacing(output) as new_output,
+    ):
+        source = ScenarioSource(scenario, on_progress=lambda s: reached(f"driven {s:.0f} s"))
+        summary = record_all(
+            source,
+            new_output,
+            static_transforms=[StaticTransform(*mount) for mount in mounts],
+            settings={
+                "depth_noise": kinect_noise_file(scenario.camera.model),
+                "mount_sigma_m": 0.0,
+                "mount_sigma_rad": 0.0,
+            },
+            progress=lambda samples: reached(f"recorded {samples} samples"),
+        )
+        known = motion_signals(source.motion)
+        write_truth_file(new_truth, source.truth(), scenario.ground, known)
+    wall_s = time.monotonic() - begin
+    console.lines(
+        [
+            f"{output}: {summary.samples} samples of {seconds:g} s, {output.stat().st_size} bytes",
+            f"{truth}: terrain, visible cells, poses and signals; the mapper never opens it",
+            f"took {wall_s:.1f} s, {seconds / wall_s:.2f} times faster than real time",
+        ]
+    )
     return 0
 
 

@@ -9,9 +9,9 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self, cast
+from typing import Protocol, cast
 
+from acquisition.closing import ClosedOnExit
 from acquisition.errors import StreamError
 
 POLL_INTERVAL_S = 0.02
@@ -71,7 +71,7 @@ def standard_input() -> Pipe:
     return Pipe(cast(io.BufferedReader, sys.stdin.buffer))
 
 
-class FinishedFile:
+class FinishedFile(ClosedOnExit):
     """A file that nobody is writing any more."""
 
     def __init__(self, path: Path) -> None:
@@ -101,17 +101,6 @@ class FinishedFile:
     def close(self) -> None:
         """Close the file; harmless when closed."""
         self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 class GrowingFile(FinishedFile):

@@ -10,6 +10,13 @@ OK = 0
 CHECK_FAILED = 1
 
 
+class Board(Protocol):
+    """Shows a state that changes once a second."""
+
+    def __call__(self, table: Callable[[], object], lines: Callable[[], list[str]]) -> None:
+        """Show the state; `table` makes it for a terminal (rich), `lines` for a log."""
+
+
 class Console(Protocol):
     """Where the words of a command go."""
 
@@ -24,6 +31,9 @@ class Console(Protocol):
 
     def progress(self, text: str) -> AbstractContextManager[Callable[[str], None]]:
         """Show that work goes on; the function given takes what has been reached."""
+
+    def board(self) -> AbstractContextManager[Board]:
+        """Show a changing state: a table on a terminal, now and then lines elsewhere."""
 
 
 class Describable(Protocol):

@@ -9,10 +9,13 @@ from numpy.typing import NDArray
 from rosbags.typesys.stores import ros2_humble as ros
 
 from acquisition import ros_fields as fields
+from acquisition.companions import Companion
 from acquisition.frames import DEPTH_OPTICAL_FRAME
+from acquisition.ros_types import RosMessage, ros_class
 from drivers.samples import CameraIntrinsics, DepthFrame
 
 DEPTH_ENCODING = "16UC1"
+TICKS_TYPE = "terravibe_msgs/msg/DeviceTicks"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +78,22 @@ def decode_depth(image: ros.sensor_msgs__msg__Image, sequence: int) -> DepthImag
     depth_mm = image.data.view("<u2").reshape(image.height, image.width)
     depth_mm.flags.writeable = False
     return DepthImage(fields.stamp_ns(image.header), depth_mm, sequence)
+
+
+def encode_ticks(frame: DepthFrame) -> object | None:
+    """Return the device's own time of the frame, or None where it has none."""
+    if frame.device_ticks is None:
+        return None
+    return ros_class(TICKS_TYPE)(
+        fields.ros_header(frame.t_ns, DEPTH_OPTICAL_FRAME),
+        fields.integer("device ticks", frame.device_ticks, 0, fields.MAX_UINT64),
+    )
+
+
+def decode_ticks(message: RosMessage, _sequence: int) -> Companion:
+    """Return the device's own time for the frame with the same stamp."""
+    ticks = {"device_ticks": message.ticks}
+    return Companion(fields.stamp_ns(message.header), DepthFrame, ticks)
 
 
 def encode_camera(frame: DepthFrame) -> ros.sensor_msgs__msg__CameraInfo:

@@ -32,6 +32,16 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def refuse_same_file(path: Path, other: Path) -> None:
+    """Refuse to use one file as two.
+
+    Raises:
+        StreamError: both names lead to the same file.
+    """
+    if path.exists() and other.exists() and path.samefile(other):
+        raise StreamError(f"{other} and {path} are the same file; give another name")
+
+
 def check_target(path: Path) -> None:
     """Refuse a product that could not be written, before the work for it begins.
 
@@ -49,15 +59,23 @@ def check_target(path: Path) -> None:
 
 def _take_place(temporary: Path, path: Path) -> None:
     try:
-        _synchronise(temporary, os.O_RDONLY)
+        synchronise(temporary, os.O_RDONLY)
         temporary.replace(path)
-        _synchronise(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        synchronise(path.parent, os.O_RDONLY | os.O_DIRECTORY)
     except OSError as error:
         raise StreamError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _synchronise(path: Path, flags: int) -> None:
-    """Wait until the file's bytes, or the folder's names, are on the disk."""
+def synchronise(path: Path, flags: int) -> None:
+    """Wait until the file's bytes, or the folder's names, are on the disk.
+
+    Args:
+        path: a file, or a folder.
+        flags: of open(2); os.O_RDONLY, with os.O_DIRECTORY for a folder.
+
+    Raises:
+        OSError: it cannot be opened, or the disk refused.
+    """
     descriptor = os.open(path, flags)
     try:
         os.fsync(descriptor)

@@ -16,6 +16,12 @@ BASE_FRAME = "base_link"
 DEPTH_OPTICAL_FRAME = "depth_optical_frame"
 # The chip's own axes of the accelerometer.
 ACCELEROMETER_FRAME = "accelerometer"
+# The sensor's own axes of the vibration sensor.
+VIBRATION_FRAME = "vibration_sensor"
+# The gyro, with z along the one axis that it senses, right-handed.
+GYRO_FRAME = "gyro"
+# The middle between the wheels: x forward, z up.
+WHEELS_FRAME = "wheels"
 
 
 @dataclass(frozen=True, slots=True)

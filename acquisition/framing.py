@@ -20,8 +20,8 @@ MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
 MAX_RECORD_BYTES = 256 << 20
 _READ_BYTES = 1 << 20
-_FIRST_PRIVATE_OPCODE = 0x80
-_KNOWN_OPCODES = frozenset(int(opcode) for opcode in Opcode)
+FIRST_PRIVATE_OPCODE = 0x80
+KNOWN_OPCODES = frozenset(int(opcode) for opcode in Opcode)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ class RecordFramer:
         if not self._fill(HEAD.size):
             return None
         opcode, length = HEAD.unpack_from(self._ahead)
-        if opcode not in _KNOWN_OPCODES and opcode < _FIRST_PRIVATE_OPCODE:
+        if opcode not in KNOWN_OPCODES and opcode < FIRST_PRIVATE_OPCODE:
             self.lost = f"no record starts here (opcode 0x{opcode:02x})"
         elif length > self._max_record_bytes:
             self.lost = f"record of {length} bytes; at most {self._max_record_bytes} are accepted"

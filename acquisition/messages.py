@@ -3,8 +3,7 @@
 A further sample type needs one function each way and one row in `MESSAGE_TYPES`.
 
 What a ROS message has no room for travels elsewhere: the sequence number is the `sequence` of
-the MCAP message record. `DepthFrame.device_ticks` is not recorded by the messages here and comes
-back as None; it belongs to /clock, together with the host times that give it a meaning.
+the MCAP message record, and further fields are in a message of their own, a companion.
 """
 
 from __future__ import annotations
@@ -12,22 +11,34 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
-from rosbags.typesys.store import Typestore
 
+from acquisition.clock_messages import CLOCK_TYPE, decode_clock, encode_clock
+from acquisition.clock_sample import ClockSample
+from acquisition.companions import Companion
 from acquisition.depth_messages import (
+    TICKS_TYPE,
     CameraInfo,
     DepthImage,
     decode_camera,
     decode_depth,
+    decode_ticks,
     encode_camera,
     encode_depth,
+    encode_ticks,
 )
+from acquisition.diagnostics import Diagnostics, decode_diagnostics, encode_diagnostics
 from acquisition.errors import StreamError
 from acquisition.frames import StaticTransforms
+from acquisition.gyro_messages import (
+    RAW_TYPE,
+    decode_gyro_raw,
+    decode_yaw_rate,
+    encode_gyro_raw,
+    encode_yaw_rate,
+)
 from acquisition.motion_messages import (
     decode_acceleration,
     decode_pose,
@@ -36,13 +47,33 @@ from acquisition.motion_messages import (
     encode_pose,
     encode_transforms,
 )
-from drivers.samples import AccelerationSample, DepthFrame, PoseSample, Sample
+from acquisition.ros_fields import MAX_UINT32
+from acquisition.ros_types import typestore as typestore
+from acquisition.vibration_messages import VIBRATION_TYPE, decode_vibration, encode_vibration
+from acquisition.wheel_messages import (
+    CAN_TYPE,
+    SPEEDS_TYPE,
+    decode_can,
+    decode_speeds,
+    decode_twist,
+    encode_can,
+    encode_speeds,
+    encode_twist,
+)
+from drivers.samples import (
+    AccelerationSample,
+    CanFrameSample,
+    DepthFrame,
+    PoseSample,
+    Sample,
+    VibrationSample,
+    WheelTwistSample,
+    YawRateSample,
+)
 
-_MAX_SEQUENCE = 2**32 - 1  # the MCAP message record holds a uint32
-
-
-Record = DepthImage | CameraInfo | PoseSample | AccelerationSample | StaticTransforms
-Recordable = Sample | StaticTransforms
+Record = DepthImage | CameraInfo | Companion | Sample | StaticTransforms | ClockSample | Diagnostics
+Recordable = Sample | StaticTransforms | ClockSample | Diagnostics
+_UNNUMBERED = (StaticTransforms, Diagnostics)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,19 +84,19 @@ class MessageType:
         topic: where the message is published.
         ros_type: its ROS 2 type, "package/msg/Name".
         sample_type: the type of which `encode` makes this message.
-        encode: sample to ROS message object; ValueError with the reason.
+        encode: sample to ROS message object, or None where the sample has nothing to say here;
+            ValueError with the reason.
         decode: ROS message object and sequence number to record; ValueError with the reason.
     """
 
     topic: str
     ros_type: str
     sample_type: type[Recordable]
-    encode: Callable[[Any], object]
+    encode: Callable[[Any], object | None]
     decode: Callable[[Any, int], Record]
 
 
-@dataclass(frozen=True, slots=True)
-class EncodedMessage:
+class EncodedMessage(NamedTuple):
     """A message ready to be written: its topic and its CDR bytes."""
 
     topic: str
@@ -73,11 +104,6 @@ class EncodedMessage:
 
 
 @cache
-def typestore() -> Typestore:
-    """Return the ROS 2 types that the stream uses."""
-    return get_typestore(Stores.ROS2_HUMBLE)
-
-
 def schema_text(ros_type: str) -> str:
     """Return the ros2msg definition of a type, its parts included."""
     return typestore().generate_msgdef(ros_type, ros_version=2)[0]
@@ -88,6 +114,13 @@ def types_of(sample_types: Sequence[type[Recordable]]) -> list[MessageType]:
     return [row for row in MESSAGE_TYPES if row.sample_type in sample_types]
 
 
+def rows_of(kind: type[Recordable]) -> Sequence[MessageType]:
+    """Return the rows that one sample type is written as; the same as `types_of`, but quick."""
+    if kind not in _BY_SAMPLE_TYPE:
+        _BY_SAMPLE_TYPE[kind] = types_of([kind])
+    return _BY_SAMPLE_TYPE[kind]
+
+
 def encode(sample: Recordable) -> list[EncodedMessage]:
     """Return the messages that stand for one sample, in the order to be written.
 
@@ -95,13 +128,17 @@ def encode(sample: Recordable) -> list[EncodedMessage]:
         StreamError: the sample cannot be told as a message (time or sequence out of range,
             not finite, wrong shape); names the topic and the time.
     """
-    return [EncodedMessage(row.topic, _serialise(row, sample)) for row in types_of([type(sample)])]
+    encoded = [_serialise(row, sample) for row in rows_of(type(sample))]
+    return [message for message in encoded if message is not None]
 
 
-def _serialise(row: MessageType, sample: Recordable) -> bytes:
+def _serialise(row: MessageType, sample: Recordable) -> EncodedMessage | None:
     try:
         message = row.encode(sample)
-        return bytes(typestore().serialize_cdr(message, row.ros_type, little_endian=True))
+        if message is None:
+            return None
+        cdr = typestore().serialize_cdr(message, row.ros_type, little_endian=True)
+        return EncodedMessage(row.topic, bytes(cdr))
     except ValueError as error:
         raise StreamError(f"cannot write {row.topic} at {sample.t_ns} ns: {error}") from error
 
@@ -119,20 +156,22 @@ def decode(row: MessageType, cdr: bytes, *, log_time_ns: int, sequence: int) -> 
         raise StreamError(f"bad message on {row.topic} at {log_time_ns} ns: {reason}") from error
 
 
-def checked_sequence(sample: Sample) -> int:
-    """Return the sample's sequence number.
+def checked_sequence(sample: Recordable) -> int:
+    """Return the sample's sequence number; 0 for what has none.
 
     Raises:
         StreamError: it does not fit the 32 bits that the stream has for it.
     """
-    if not 0 <= sample.sequence <= _MAX_SEQUENCE:
+    if isinstance(sample, _UNNUMBERED):
+        return 0
+    if not 0 <= sample.sequence <= MAX_UINT32:  # the MCAP message record holds a uint32
         raise StreamError(
             f"{type(sample).__name__} has sequence {sample.sequence}; expected 0 to 2^32-1"
         )
     return sample.sequence
 
 
-# The camera comes before the image that needs it.
+# Cameras and companions come before the main message that they belong to.
 MESSAGE_TYPES: tuple[MessageType, ...] = (
     MessageType(
         "/tf_static",
@@ -148,6 +187,7 @@ MESSAGE_TYPES: tuple[MessageType, ...] = (
         encode_camera,
         decode_camera,
     ),
+    MessageType("/depth/ticks", TICKS_TYPE, DepthFrame, encode_ticks, decode_ticks),
     MessageType("/depth/image", "sensor_msgs/msg/Image", DepthFrame, encode_depth, decode_depth),
     MessageType(
         "/mocap/pose",
@@ -163,8 +203,29 @@ MESSAGE_TYPES: tuple[MessageType, ...] = (
         encode_acceleration,
         decode_acceleration,
     ),
+    MessageType("/vibration", VIBRATION_TYPE, VibrationSample, encode_vibration, decode_vibration),
+    MessageType("/gyro/raw", RAW_TYPE, YawRateSample, encode_gyro_raw, decode_gyro_raw),
+    MessageType("/gyro", "sensor_msgs/msg/Imu", YawRateSample, encode_yaw_rate, decode_yaw_rate),
+    MessageType("/can", CAN_TYPE, CanFrameSample, encode_can, decode_can),
+    MessageType("/wheels/speeds", SPEEDS_TYPE, WheelTwistSample, encode_speeds, decode_speeds),
+    MessageType(
+        "/wheels",
+        "geometry_msgs/msg/TwistWithCovarianceStamped",
+        WheelTwistSample,
+        encode_twist,
+        decode_twist,
+    ),
+    MessageType("/clock", CLOCK_TYPE, ClockSample, encode_clock, decode_clock),
+    MessageType(
+        "/diagnostics",
+        "diagnostic_msgs/msg/DiagnosticArray",
+        Diagnostics,
+        encode_diagnostics,
+        decode_diagnostics,
+    ),
 )
 
+_BY_SAMPLE_TYPE: dict[type[Recordable], list[MessageType]] = {}
 _BY_TOPIC_AND_TYPE = {(row.topic, row.ros_type): row for row in MESSAGE_TYPES}
 
 

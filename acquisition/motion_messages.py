@@ -12,7 +12,10 @@ from acquisition.frames import (
     StaticTransform,
     StaticTransforms,
 )
-from drivers.samples import AccelerationSample, PoseSample
+from drivers.samples import AccelerationSample, PoseSample, frozen_array
+
+# sensor_msgs/msg/Imu: -1 in element 0 says that the sensor does not measure this part.
+_NOT_MEASURED = frozen_array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0], (9,))
 
 
 def encode_pose(pose: PoseSample) -> ros.geometry_msgs__msg__PoseWithCovarianceStamped:
@@ -44,14 +47,12 @@ def decode_pose(
 
 def encode_acceleration(sample: AccelerationSample) -> ros.sensor_msgs__msg__Imu:
     """Return an Imu message that measured nothing but the acceleration."""
-    # sensor_msgs/msg/Imu: -1 in element 0 says that the sensor does not measure this part.
-    not_measured = np.array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0])
     return ros.sensor_msgs__msg__Imu(
         fields.ros_header(sample.t_ns, ACCELEROMETER_FRAME),
         ros.geometry_msgs__msg__Quaternion(0.0, 0.0, 0.0, 1.0),
-        not_measured,
+        fields.not_measured(),
         ros.geometry_msgs__msg__Vector3(0.0, 0.0, 0.0),
-        not_measured,
+        fields.not_measured(),
         fields.ros_vector("acceleration", sample.acceleration_m_s2),
         linear_acceleration_covariance=np.zeros(9),
     )
@@ -59,8 +60,7 @@ def encode_acceleration(sample: AccelerationSample) -> ros.sensor_msgs__msg__Imu
 
 def decode_acceleration(imu: ros.sensor_msgs__msg__Imu, sequence: int) -> AccelerationSample:
     """Return the acceleration of an Imu message."""
-    if imu.linear_acceleration_covariance[0] == -1.0:
-        raise ValueError("the message says that acceleration was not measured")
+    fields.require_measured("acceleration", imu.linear_acceleration_covariance)
     return AccelerationSample(
         fields.stamp_ns(imu.header),
         fields.vector("acceleration", imu.linear_acceleration),

@@ -17,7 +17,6 @@ from mcap.reader import make_reader
 from acquisition import messages
 from acquisition.byte_source import FinishedFile
 from acquisition.errors import StreamError
-from acquisition.frames import StaticTransforms
 from acquisition.read_report import ReadReport
 from acquisition.stream_reader import StreamReader
 from drivers.errors import DriverError, EndOfSource
@@ -46,8 +45,8 @@ class Replay:
     """Gives the samples of a recording in order of log time.
 
     Times are as recorded. With repeats, each pass is moved behind the one before it, in time and
-    in sequence numbers, so that both keep rising. Static transforms are not samples and are left
-    out. Damage is an error: what is replayed is the whole recording.
+    in sequence numbers, so that both keep rising. What is no sample (static transforms, clocks,
+    diagnostics) is left out. Damage is an error: what is replayed is the whole recording.
     """
 
     def __init__(
@@ -170,7 +169,7 @@ class Replay:
             reader = StreamReader(file)
             for message in reader:
                 _refuse_damage(reader.report)
-                if not isinstance(message.sample, StaticTransforms):
+                if isinstance(message.sample, Sample):
                     yield message.log_time_ns, message.sample
             _refuse_damage(reader.report)
             _refuse_loss(reader.report)

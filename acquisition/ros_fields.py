@@ -16,6 +16,8 @@ from drivers.samples import Float64Array, frozen_array
 NS_PER_S = 1_000_000_000
 # builtin_interfaces/msg/Time counts whole seconds in an int32.
 _MAX_SECONDS = 2**31 - 1
+MAX_UINT32 = 2**32 - 1
+MAX_UINT64 = 2**64 - 1
 
 # Beyond _REFUSED a quaternion is no rotation; between the two it was rounded by whoever wrote
 # it (a motion capture log with four decimals is off by up to 1e-4) and is normalised.
@@ -49,6 +51,63 @@ def finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Float64Array
     return array
 
 
+def no_infinity(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Float64Array:
+    """Return the values as a read-only array of that shape; NaN stands for "no value"."""
+    array = frozen_array(values, shape)
+    if np.isinf(array).any():
+        raise ValueError(f"{what} is infinite: {array.ravel().tolist()}")
+    return array
+
+
+def finite_number(what: str, value: float) -> float:
+    """Return the value, refusing NaN and infinity."""
+    if not math.isfinite(value):
+        raise ValueError(f"{what} is not finite: {value}")
+    return value
+
+
+def integer(what: str, value: int, lowest: int, highest: int) -> int:
+    """Return the value, refusing one outside the limits."""
+    if not lowest <= value <= highest:
+        raise ValueError(f"{what} is {value}; expected {lowest} to {highest}")
+    return value
+
+
+def flagged(what: str, value: float | None) -> tuple[bool, float]:
+    """Return whether there is a value, and the value or NaN; the pair that `unflagged` takes."""
+    return (False, math.nan) if value is None else (True, _not_infinite(what, value))
+
+
+def unflagged(what: str, is_there: bool, value: float) -> float | None:
+    """Return the value, or None where the flag says that there is none; NaN is a value."""
+    return _not_infinite(what, value) if is_there else None
+
+
+def _not_infinite(what: str, value: float) -> float:
+    if math.isinf(value):
+        raise ValueError(f"{what} is infinite")
+    return value
+
+
+def flagged_integer(what: str, value: int | None, lowest: int, highest: int) -> tuple[bool, int]:
+    """Return whether there is a value, and the value or 0."""
+    return (False, 0) if value is None else (True, integer(what, value, lowest, highest))
+
+
+def not_measured() -> Float64Array:
+    """Return the covariance by which an Imu message says that it does not measure this part.
+
+    Source: sensor_msgs/msg/Imu, -1 in element 0.
+    """
+    return np.array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0])
+
+
+def require_measured(what: str, covariance: Float64Array) -> None:
+    """Refuse the covariance of a part that was not measured."""
+    if covariance[0] == -1.0:
+        raise ValueError(f"the message says that {what} was not measured")
+
+
 def vector(
     what: str, xyz: ros.geometry_msgs__msg__Vector3 | ros.geometry_msgs__msg__Point
 ) -> Float64Array:
@@ -56,14 +115,23 @@ def vector(
     return finite(what, (xyz.x, xyz.y, xyz.z), (3,))
 
 
+def _three(what: str, values: Float64Array) -> list[float]:
+    """Return the three numbers; a thousand vectors a second pass here, so the check is short."""
+    numbers: list[float] = values.tolist()
+    if values.shape == (3,) and math.isfinite(sum(numbers)):
+        return numbers
+    checked: list[float] = finite(what, values, (3,)).tolist()
+    return checked
+
+
 def ros_vector(what: str, values: Float64Array) -> ros.geometry_msgs__msg__Vector3:
     """Return a (3,) array as a Vector3."""
-    return ros.geometry_msgs__msg__Vector3(*finite(what, values, (3,)).tolist())
+    return ros.geometry_msgs__msg__Vector3(*_three(what, values))
 
 
 def ros_point(what: str, values: Float64Array) -> ros.geometry_msgs__msg__Point:
     """Return a (3,) array as a Point."""
-    return ros.geometry_msgs__msg__Point(*finite(what, values, (3,)).tolist())
+    return ros.geometry_msgs__msg__Point(*_three(what, values))
 
 
 def unit_quaternion(values: ArrayLike) -> Float64Array:

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from acquisition import messages
 from acquisition.byte_source import ByteSource
+from acquisition.clock_sample import ClockSample
+from acquisition.companions import Companion, Companions
 from acquisition.container import Container, RecordedMessage
 from acquisition.depth_messages import CameraInfo, DepthImage
 from acquisition.depth_pairing import DepthPairing
+from acquisition.diagnostics import Diagnostics
 from acquisition.errors import StreamError
 from acquisition.frames import StaticTransforms
 from acquisition.framing import MAX_RECORD_BYTES
+from acquisition.messages import Recordable
 from acquisition.read_report import ReadReport
 from acquisition.reorder import ReorderBuffer
-from drivers.samples import AccelerationSample, PoseSample, Sample
+from drivers.samples import Sample
 
 REORDER_WINDOW_NS = 500_000_000
 _NO_TOPICS: Mapping[str, str] = MappingProxyType({})
@@ -30,23 +34,23 @@ class StreamMessage:
     Attributes:
         log_time_ns: the time by which the stream is ordered.
         topic: where it was published, by the names of `messages.MESSAGE_TYPES`.
-        sample: what it says; a `DepthFrame` comes with its camera.
+        sample: what it says, put together from all of its messages.
         sequence: the number its source gave it.
     """
 
     log_time_ns: int
     topic: str
-    sample: Sample | StaticTransforms
+    sample: Recordable
     sequence: int
 
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    """What waits in the reorder buffer; an image still lacks its camera."""
+    """What waits in the reorder buffer; a camera and a companion come to it when it leaves."""
 
     log_time_ns: int
     topic: str
-    content: DepthImage | PoseSample | AccelerationSample
+    content: DepthImage | Sample | ClockSample | Diagnostics
     sequence: int
 
 
@@ -89,6 +93,7 @@ class StreamReader:
         self._container = Container(source, max_record_bytes)
         self._reorder: ReorderBuffer[_Waiting] = ReorderBuffer(reorder_window_ns)
         self._pairing = DepthPairing()
+        self._companions = Companions()
         self._counts: Counter[str] = Counter()
         self._skipped: Counter[str] = Counter()
         self._late = 0
@@ -138,6 +143,8 @@ class StreamReader:
         content = messages.decode(row, recorded.data, log_time_ns=log_time_ns, sequence=sequence)
         if isinstance(content, CameraInfo):
             self._pairing.add(content)
+        elif isinstance(content, Companion):
+            self._companions.add(content)
         elif isinstance(content, StaticTransforms):
             yield StreamMessage(log_time_ns, row.topic, content, sequence)
         else:
@@ -153,4 +160,6 @@ class StreamReader:
     def _hand_on(self, waiting: _Waiting) -> StreamMessage:
         content = waiting.content
         sample = self._pairing.frame(content) if isinstance(content, DepthImage) else content
+        if further := self._companions.take(type(sample), sample.t_ns):
+            sample = replace(sample, **further)
         return StreamMessage(waiting.log_time_ns, waiting.topic, sample, waiting.sequence)

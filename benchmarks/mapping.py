@@ -32,7 +32,8 @@ from mapping.kernel_cache import compile_kernels
 from mapping.measurement import FrameReducer, View
 from mapping.noise import NGUYEN_2012
 from mapping.settings import MapSettings
-from mapping.update_kernels import fuse, fusion_constants
+from mapping.update_constants import fusion_constants
+from mapping.update_kernels import fuse
 from simulation.ideal_camera import noisy_depth_mm, trace
 from simulation.terrain import crater_field
 

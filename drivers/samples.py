@@ -108,7 +108,8 @@ class YawRateSample:
         rate_rad_s: rad/s about the chip's sensing axis, right-handed, bias not removed.
         temperature_c: the chip's latest own temperature in degrees Celsius; None where it
             reports no absolute temperature or has not reported one yet.
-        raw_counts: the signed register value that `rate_rad_s` was scaled from.
+        raw_counts: the signed register value that `rate_rad_s` was scaled from; None only in
+            recordings of other programs.
         sequence: counter of the source, starting at 0; a gap means lost samples, as far as the
             driver can tell.
     """
@@ -116,7 +117,7 @@ class YawRateSample:
     t_ns: int
     rate_rad_s: float
     temperature_c: float | None
-    raw_counts: int
+    raw_counts: int | None
     sequence: int
 
 

@@ -109,10 +109,13 @@ def _map_options(options: argparse.Namespace) -> MapOptions:
     from mapping.settings import MapSettings
 
     names = MapSettings.__dataclass_fields__.keys() - {"mount_sigma_m"}
-    given = {name: value for name, value in vars(options).items() if name in names}
+    given = {
+        name: value for name, value in vars(options).items() if name in names and value is not None
+    }
     degrees = options.mount_sigma_deg
     return MapOptions(
-        settings=MapSettings(**{name: value for name, value in given.items() if value is not None}),
+        settings=MapSettings(**given),
+        given=frozenset(given),
         noise=noise_from_name(options.noise) if options.noise else None,
         mount_sigma_m=options.mount_sigma_m,
         mount_sigma_rad=None if degrees is None else radians(degrees),

@@ -7,13 +7,21 @@ x right, y down, z forward). SI units, radians, float64.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from mapping.errors import MappingError
+
 Float64Array = NDArray[np.float64]
+
+# A world has its origin nearer than this (a UTM northing ends at 1e7 m).
+_FARTHEST_M = 1e8
+# A quaternion written with four decimals is off by up to 1e-4.
+_UNIT_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +43,20 @@ class RigidTransform:
 
     @classmethod
     def from_quat_wxyz(cls, position_m: Float64Array, quat_wxyz: Float64Array) -> RigidTransform:
-        """Build from a position (3,) and a unit quaternion (4,), w first."""
+        """Build from a position (3,) and a unit quaternion (4,), w first.
+
+        Raises:
+            MappingError: not finite, absurdly far away, or the quaternion is no rotation.
+        """
+        if not np.all(np.abs(position_m) <= _FARTHEST_M):
+            raise MappingError(
+                f"position is {_text(position_m)} m; expected numbers up to {_FARTHEST_M:g}"
+            )
+        norm = math.hypot(*quat_wxyz)
+        if not abs(norm - 1.0) <= _UNIT_TOLERANCE:
+            raise MappingError(
+                f"quaternion wxyz {_text(quat_wxyz)} has length {norm:.4g}; expected 1"
+            )
         rotation = Rotation.from_quat(quat_wxyz, scalar_first=True).as_matrix()
         return cls(rotation, np.asarray(position_m, dtype=np.float64))
 
@@ -52,6 +73,10 @@ class RigidTransform:
     def apply(self, points_m: Float64Array) -> Float64Array:
         """Map points (..., 3) from B to A."""
         return points_m @ self.rotation.T + self.translation_m
+
+
+def _text(values: Float64Array) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in values) + ")"
 
 
 def skew(v: Float64Array) -> Float64Array:

@@ -13,9 +13,9 @@ from typing import Protocol
 
 import numpy as np
 
+from mapping.cell_layers import BYTES_PER_CELL, CellLayers, empty_layers
 from mapping.errors import MappingError
 from mapping.settings import MapSettings
-from mapping.update_kernels import CellLayers
 
 # A growing map is enlarged in steps of this many cells, so that it is seldom copied.
 _GROWTH_CELLS = 64
@@ -52,28 +52,8 @@ class CellWindow:
         return CellWindow(first_x, first_y, end_x - first_x, end_y - first_y)
 
 
-def empty_layers(rows: int, columns: int) -> CellLayers:
-    """Return layers of cells that nobody has seen."""
-    shape = (rows, columns)
-    return CellLayers(
-        elevation_m=np.zeros(shape, np.float32),
-        variance_m2=np.zeros(shape, np.float32),
-        systematic_a_m=np.zeros(shape, np.float32),
-        systematic_b_m=np.zeros(shape, np.float32),
-        systematic_c_m=np.zeros(shape, np.float32),
-        systematic_bias_m=np.zeros(shape, np.float32),
-        relief_m2=np.zeros(shape, np.float32),
-        candidate_m=np.zeros(shape, np.float32),
-        candidate_m2=np.zeros(shape, np.float32),
-        candidate_hits=np.zeros(shape, np.uint8),
-        frames=np.zeros(shape, np.uint32),
-        pixels=np.zeros(shape, np.uint32),
-        last_ns=np.zeros(shape, np.int64),
-    )
-
-
-# Sum of the item sizes in `empty_layers`.
-BYTES_PER_CELL = 9 * 4 + 1 + 2 * 4 + 8
+def _megabytes(rows: int, columns: int) -> float:
+    return rows * columns * BYTES_PER_CELL / 1e6
 
 
 class Grid(Protocol):
@@ -101,7 +81,7 @@ class GrowingGrid:
     """Keeps every cell that was ever seen; its arrays are enlarged as the rover drives."""
 
     def __init__(self, settings: MapSettings) -> None:
-        self._limit_bytes = settings.memory_limit_mb * 1e6
+        self._limit_mb = settings.memory_limit_mb
         self._cell_size_m = settings.resolution_m
         self._extent = CellWindow(0, 0, 0, 0)
         self._layers = empty_layers(0, 0)
@@ -141,13 +121,13 @@ class GrowingGrid:
         return CellLayers._make(layer.copy() for layer in self._layers)
 
     def _enlarge(self, extent: CellWindow) -> None:
-        need = extent.cells_x * extent.cells_y * BYTES_PER_CELL
-        if need > self._limit_bytes:
+        need_mb = _megabytes(extent.cells_x, extent.cells_y)
+        if need_mb > self._limit_mb:
             size_x, size_y = extent.cells_x * self._cell_size_m, extent.cells_y * self._cell_size_m
             raise MappingError(
-                f"the map would grow to {size_x:.0f} m x {size_y:.0f} m ({need / 1e6:.0f} MB), the "
-                f"limit is {self._limit_bytes / 1e6:.0f} MB; check the poses for jumps, use a "
-                "coarser resolution or a scrolling grid"
+                f"the map would grow to {size_x:.0f} m x {size_y:.0f} m ({need_mb:.1f} MB), the "
+                f"limit is {self._limit_mb:.1f} MB; check the poses for jumps, use a coarser "
+                "resolution or a scrolling grid"
             )
         layers = empty_layers(extent.cells_y, extent.cells_x)
         old = self._extent
@@ -171,8 +151,20 @@ class ScrollingGrid:
     """A square window centred on the rover; what leaves it is forgotten, nothing is copied."""
 
     def __init__(self, settings: MapSettings) -> None:
+        """Make the window, not yet placed.
+
+        Raises:
+            MappingError: it would need more memory than the settings allow.
+        """
         self._cell_size_m = settings.resolution_m
         self._cells = round(settings.window_m / settings.resolution_m)
+        need_mb = _megabytes(self._cells, self._cells)
+        if need_mb > settings.memory_limit_mb:
+            raise MappingError(
+                f"a window of {settings.window_m:g} m with cells of {settings.resolution_m:g} m "
+                f"needs {need_mb:.1f} MB, the limit is {settings.memory_limit_mb:.1f} MB; use a "
+                "smaller window or a coarser resolution"
+            )
         self._extent: CellWindow | None = None
         self._layers = empty_layers(self._cells, self._cells)
 

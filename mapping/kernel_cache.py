@@ -7,7 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from drivers.samples import CameraIntrinsics
-from mapping import fill_kernels, layer_kernels, measurement_kernels, update_kernels
+from mapping import (
+    fill_kernels,
+    layer_kernels,
+    measurement_kernels,
+    relief_kernels,
+    update_kernels,
+)
 from mapping.elevation_map import read_out
 from mapping.fill import fill_gaps
 from mapping.geometry import RigidTransform, UncertainPose
@@ -16,11 +22,13 @@ from mapping.layers import derive
 from mapping.measurement import FrameReducer, View
 from mapping.noise import NGUYEN_2012
 from mapping.settings import MapSettings
+from mapping.update_constants import fusion_constants
 
 _ENTRY_POINTS = (
     measurement_kernels.ranges_from_millimetres,
     measurement_kernels.accumulate,
     update_kernels.fuse,
+    relief_kernels.surrounding_relief,
     layer_kernels.plane_layers,
     layer_kernels.step_heights,
     layer_kernels.supported_steps,
@@ -55,7 +63,7 @@ def compile_kernels() -> None:
     window = grid.prepare(reducer.footprint(view), 0.0, 0.0)
     sums, _ = reducer.reduce(view, window)
     constants = reducer.frame_constants(view, window, grid.position(window))
-    update_kernels.fuse(sums, constants, update_kernels.fusion_constants(settings), grid.layers)
+    update_kernels.fuse(sums, constants, fusion_constants(settings), grid.layers)
     map_ = read_out(grid, settings, {})
     derive(map_)
     fill_gaps(map_, settings.resolution_m)

@@ -5,11 +5,11 @@ Only sensor time enters. Live and offline differ in where the samples come from,
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 from acquisition.frames import DEPTH_OPTICAL_FRAME, MOCAP_BODY_FRAME, StaticTransforms
-from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample, Sample
+from acquisition.messages import Recordable
+from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
 from mapping.elevation_map import ElevationMap, read_out
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
@@ -19,7 +19,8 @@ from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
 from mapping.pose_track import PoseTrack
 from mapping.settings import MapSettings
-from mapping.update_kernels import fuse, fusion_constants
+from mapping.update_constants import fusion_constants
+from mapping.update_kernels import fuse
 
 # A depth frame waits this long, in stream time, for a pose that surrounds it.
 _POSE_WAIT_NS = 2_000_000_000
@@ -54,31 +55,33 @@ class Mapper:
     """Fuses depth frames, seen from known poses, into a grid."""
 
     def __init__(self, settings: MapSettings, noise: DepthNoiseModel) -> None:
+        """Start with an empty map.
+
+        Raises:
+            MappingError: the ranges of settings and noise model have nothing in common.
+        """
         self.settings = settings
-        self.noise = noise.with_range(
-            max(noise.range_min_m, settings.range_min_m),
-            min(noise.range_max_m, settings.range_max_m),
-        )
+        self.noise = _within_both_ranges(settings, noise)
         self.counts = MapperCounts()
         self._grid = make_grid(settings)
         self._fusion = fusion_constants(settings)
         self._poses = PoseTrack(round(settings.pose_gap_max_s * 1e9))
         self._mounts = MountTree()
-        self._waiting: deque[DepthFrame] = deque()
+        self._waiting: list[DepthFrame] = []
         self._reducer: FrameReducer | None = None
 
-    def add(self, sample: Sample | StaticTransforms) -> None:
+    def add(self, sample: Recordable) -> None:
         """Take the next sample of the stream; others than depth, pose and mounts are ignored.
 
         Raises:
-            MappingError: the mount is missing, a pose is not finite, or the map outgrows memory.
+            MappingError: the mount is missing, a pose or mount is no pose, a depth image does not
+                fit its camera, or the map outgrows memory.
         """
         if isinstance(sample, StaticTransforms):
             self._mounts.add(sample.transforms)
             return
         if isinstance(sample, PoseSample):
-            self._poses.add(sample)
-            self.counts.poses += 1
+            self.counts.poses += self._poses.add(sample)
             self.counts.poses_out_of_order = self._poses.out_of_order
         elif isinstance(sample, DepthFrame):
             self._waiting.append(sample)
@@ -86,8 +89,9 @@ class Mapper:
 
     def finish(self) -> None:
         """Map the frames that can be mapped and count the rest; the stream is over."""
-        while self._waiting:
-            self._map_or_count(self._waiting.popleft())
+        waiting, self._waiting = self._waiting, []
+        for frame in waiting:
+            self._map_or_count(frame)
 
     def elevation_map(self, attributes: dict[str, str | int | float] | None = None) -> ElevationMap:
         """Return the map as it is now.
@@ -100,14 +104,18 @@ class Mapper:
         return read_out(self._grid, self.settings, attributes or {})
 
     def _map_ready_frames(self, now_ns: int) -> None:
-        """Map waiting frames that a pose at or after their time, or patience, has released."""
+        """Map waiting frames that a pose at or after their time, or patience, has released.
+
+        Each frame waits for itself: one with a stamp in the future holds up no other.
+        """
         newest_ns = self._poses.newest_ns
-        while self._waiting:
-            t_ns = self._waiting[0].t_ns
-            surrounded = newest_ns is not None and newest_ns >= t_ns
-            if not surrounded and now_ns - t_ns <= _POSE_WAIT_NS:
-                return
-            self._map_or_count(self._waiting.popleft())
+        waiting, self._waiting = self._waiting, []
+        for frame in waiting:
+            surrounded = newest_ns is not None and newest_ns >= frame.t_ns
+            if surrounded or now_ns - frame.t_ns > _POSE_WAIT_NS:
+                self._map_or_count(frame)
+            else:
+                self._waiting.append(frame)
 
     def _map_or_count(self, frame: DepthFrame) -> None:
         pose = self._poses.at(frame.t_ns)
@@ -153,3 +161,15 @@ class Mapper:
             f"{counts.poses} poses within {self.settings.pose_gap_max_s} s; check that both use "
             "the same clock"
         )
+
+
+def _within_both_ranges(settings: MapSettings, noise: DepthNoiseModel) -> DepthNoiseModel:
+    range_min_m = max(noise.range_min_m, settings.range_min_m)
+    range_max_m = min(noise.range_max_m, settings.range_max_m)
+    if range_min_m >= range_max_m:
+        raise MappingError(
+            f"the settings map {settings.range_min_m} to {settings.range_max_m} m and noise model "
+            f"{noise.name!r} covers {noise.range_min_m} to {noise.range_max_m} m; expected ranges "
+            "that overlap"
+        )
+    return noise.with_range(range_min_m, range_max_m)

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from drivers.samples import CameraIntrinsics
 from mapping import measurement_kernels as kernels
+from mapping.errors import MappingError
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.grid import CellWindow
 from mapping.noise import DepthNoiseModel
 from mapping.settings import MapSettings
-from mapping.update_kernels import FrameConstants
+from mapping.update_constants import FrameConstants
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -72,7 +73,8 @@ class FrameReducer:
         """Return the cells that the view's frustum can reach.
 
         All readings lie in the pyramid of the camera and the four corner rays at the largest
-        range; the box around its five corners therefore holds them all.
+        range; the box around its five corners therefore holds them all. One cell more on every
+        side, because the kernel's float32 may round a reading on the border outwards.
         """
         x, y = self._ray_x[[0, -1]], self._ray_y[[0, -1]]
         corners = [(0.0, 0.0, 0.0), *((a, b, 1.0) for a in x for b in y)]
@@ -80,12 +82,24 @@ class FrameReducer:
         points = view.T_terrain_sensor.apply(np.array(corners) * reach)[:, :2]
         low = np.floor(points.min(axis=0) / self._settings.resolution_m).astype(int)
         high = np.floor(points.max(axis=0) / self._settings.resolution_m).astype(int)
-        size = high - low + 1
-        return CellWindow(int(low[0]), int(low[1]), int(size[0]), int(size[1]))
+        size = high - low + 3
+        return CellWindow(int(low[0]) - 1, int(low[1]) - 1, int(size[0]), int(size[1]))
 
     def load(self, depth_mm: NDArray[np.uint16]) -> int:
-        """Take a depth image (height, width) in millimetres; return its valid readings."""
-        return kernels.ranges_from_millimetres(depth_mm, self._range, self._baseline_px, self._z_m)
+        """Take a depth image (height, width) in millimetres; return its valid readings.
+
+        Raises:
+            MappingError: the image is not uint16 of the camera's size.
+        """
+        shape = (self._camera.height_px, self._camera.width_px)
+        if depth_mm.dtype != np.uint16 or depth_mm.shape != shape:
+            raise MappingError(
+                f"depth image is {depth_mm.dtype} of shape {depth_mm.shape}; its camera expects "
+                f"uint16 of shape {shape}"
+            )
+        # numba compiles once more for arrays that are read-only, as a stream's are.
+        plain = np.require(depth_mm, requirements=["C", "A", "W"])
+        return kernels.ranges_from_millimetres(plain, self._range, self._baseline_px, self._z_m)
 
     def reduce(self, view: View, window: CellWindow) -> tuple[Float64Array, int]:
         """Sum the loaded frame over the cells of `window`.
@@ -151,6 +165,7 @@ class FrameReducer:
             bias_0_m=self._noise.bias_sigma_m,
             bias_2_per_m=self._noise.bias_sigma_quadratic_per_m,
             correlation_area_px=max(self._noise.correlation_area_px / self._decimation**2, 1.0),
+            range_min_m=self._noise.range_min_m,
         )
 
 

@@ -101,7 +101,8 @@ def ranges_from_millimetres(
     for v in range(height):
         row = z_m[v + margin]
         for u in range(width):
-            raw = np.float32(depth_mm[v, u]) * np.float32(0.001)
+            # A quotient is rounded once: 3300 mm is the float32 of 3.3, as the range limit is.
+            raw = np.float32(depth_mm[v, u]) / np.float32(1000.0)
             z = raw - (c.bias_m + raw * (c.bias_slope + raw * c.bias_quadratic_per_m))
             inside = (depth_mm[v, u] > 0) & (z >= c.range_min_m) & (z <= c.range_max_m)
             row[u + margin] = z if inside else _ZERO
@@ -125,6 +126,64 @@ def _gradient(
     return (a - b) * scale
 
 
+@njit(inline="always")
+def _angle_ratio(
+    z: np.float32, x: np.float32, y: np.float32, slope_x: np.float32, slope_y: np.float32
+) -> np.float32:
+    """Return theta / (pi/2 - theta) for the angle between the ray (x, y, 1) and the normal.
+
+    slope: dz per pixel times focal length. The normal is (-slope_x, -slope_y, depth_term), and
+    normal . (x, y, 1) = z.
+    """
+    depth_term = z + x * slope_x + y * slope_y
+    normal2 = slope_x * slope_x + slope_y * slope_y + depth_term * depth_term
+    cosine = z / np.sqrt(normal2 * (_ONE + x * x + y * y))
+    cosine = min(max(cosine, _COS_LIMIT), _ONE)
+    angle = np.sqrt(_ONE - cosine) * (_A0 + cosine * (_A1 + cosine * (_A2 + cosine * _A3)))
+    ratio: np.float32 = angle / (_HALF_PI - angle)
+    return ratio
+
+
+@njit(inline="always")
+def _height_variance(
+    z: np.float32,
+    t: np.float32,
+    rise: np.float32,
+    ray2: np.float32,
+    inverse_focal: np.float32,
+    noise: NoiseConstants,
+) -> np.float32:
+    """Return sigma_z^2 (h/z)^2 + sigma_L^2 (1 - (e.ray)^2); t = angle ratio, rise = h/z.
+
+    The axial error moves the point along its ray, the lateral error perpendicular to it.
+    """
+    excess = z - noise.c2
+    axial = noise.c0 + noise.c1 * excess * excess + noise.c3 / np.sqrt(z) * t * t
+    z2 = z * z
+    axial2 = axial * axial + noise.quantum_variance * z2 * z2
+    lateral = (noise.lateral_offset + noise.lateral_angle * t) * z * inverse_focal
+    variance: np.float32 = axial2 * rise * rise + lateral * lateral * (_ONE - rise * rise / ray2)
+    return variance
+
+
+@njit(inline="always")
+def _cell_of(z: np.float32, x: np.float32, y: np.float32, view: ViewConstants) -> np.int32:
+    """Return the window's cell under the point z (x, y, 1); -1 outside."""
+    cells = z * view.cells_per_m
+    column = view.corner_x_cells + cells * (view.r00 * x + view.r01 * y + view.r02)
+    line = view.corner_y_cells + cells * (view.r10 * x + view.r11 * y + view.r12)
+    inside = (
+        (column >= _ZERO)
+        & (column < np.float32(view.cells_x))
+        & (line >= _ZERO)
+        & (line < np.float32(view.cells_y))
+    )
+    # The conversion of a number out of range is undefined: only what is inside is converted.
+    row = np.int32(line if inside else _ZERO)
+    index = row * np.int32(view.cells_x) + np.int32(column if inside else _ZERO)
+    return index if inside else np.int32(-1)
+
+
 @njit(cache=True, error_model="numpy")
 def measure_row(
     z_above: Float32Array,
@@ -142,9 +201,8 @@ def measure_row(
 ) -> None:
     """Height above the camera, 1 / variance of that height and cell of every pixel of a row.
 
-    mathematics: h = e.p_T; the axial error moves the point along its ray, the lateral error
-    perpendicular to it, so var(h) = sigma_z^2 (h/z)^2 + sigma_L^2 (1 - (e.ray)^2).
-    The three z rows carry a margin of `baseline_px` zeros at both ends. cell = -1: no measurement.
+    h = e.p_T. The three z rows carry a margin of `baseline_px` zeros at both ends. cell = -1: no
+    measurement.
     """
     half = np.float32(0.5) / np.float32(baseline_px)
     focal_slope_x = focal.x_px * half
@@ -157,45 +215,19 @@ def measure_row(
     above = z_above[baseline_px:][:width]
     below = z_below[baseline_px:][:width]
     for u in range(width):
-        z = middle[u]
-        valid = z > _ZERO
-        z = z if valid else _ONE
+        valid = middle[u] > _ZERO
+        z = middle[u] if valid else _ONE
         x = ray_x[u]
         slope_x = _gradient(right[u], z, left[u], focal_slope_x)
         slope_y = _gradient(below[u], z, above[u], focal_slope_y)
-        # Surface normal (-slope_x, -slope_y, depth_term); normal . (x, y, 1) = z.
-        depth_term = z + x * slope_x + ray_y * slope_y
-        normal2 = slope_x * slope_x + slope_y * slope_y + depth_term * depth_term
-        ray2 = _ONE + x * x + ray_y * ray_y
-        cosine = z / np.sqrt(normal2 * ray2)
-        cosine = min(max(cosine, _COS_LIMIT), _ONE)
-        angle = np.sqrt(_ONE - cosine) * (_A0 + cosine * (_A1 + cosine * (_A2 + cosine * _A3)))
-        t = angle / (_HALF_PI - angle)
-
-        excess = z - noise.c2
-        axial = noise.c0 + noise.c1 * excess * excess + noise.c3 / np.sqrt(z) * t * t
-        z2 = z * z
-        axial2 = axial * axial + noise.quantum_variance * z2 * z2
-        lateral = (noise.lateral_offset + noise.lateral_angle * t) * z * focal.inverse_sensor_px
+        t = _angle_ratio(z, x, ray_y, slope_x, slope_y)
         rise = view.r20 * x + view.r21 * ray_y + view.r22
-        variance = axial2 * rise * rise + lateral * lateral * (_ONE - rise * rise / ray2)
-
-        cells = z * view.cells_per_m
-        column = view.corner_x_cells + cells * (view.r00 * x + view.r01 * ray_y + view.r02)
-        line = view.corner_y_cells + cells * (view.r10 * x + view.r11 * ray_y + view.r12)
-        inside = (
-            valid
-            & (column >= _ZERO)
-            & (column < np.float32(view.cells_x))
-            & (line >= _ZERO)
-            & (line < np.float32(view.cells_y))
-        )
-        index = np.int32(line if inside else _ZERO) * np.int32(view.cells_x) + np.int32(
-            column if inside else _ZERO
-        )
+        ray2 = _ONE + x * x + ray_y * ray_y
+        variance = _height_variance(z, t, rise, ray2, focal.inverse_sensor_px, noise)
+        index = _cell_of(z, x, ray_y, view)
         height_m[u] = z * rise
         weight[u] = _ONE / max(variance, _MIN_VARIANCE_M2)
-        cell[u] = index if inside else np.int32(-1)
+        cell[u] = index if valid else np.int32(-1)
 
 
 @njit(cache=True, error_model="numpy")

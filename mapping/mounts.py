@@ -16,10 +16,17 @@ class MountTree:
         self._neighbours: dict[str, dict[str, RigidTransform]] = {}
 
     def add(self, transforms: Iterable[StaticTransform]) -> None:
-        """Take transforms; a later one between the same two frames replaces the earlier."""
+        """Take transforms; a later one between the same two frames replaces the earlier.
+
+        Raises:
+            MappingError: a number is not finite, or a quaternion is no rotation.
+        """
         for item in transforms:
-            to_parent = RigidTransform.from_quat_wxyz(item.position_m, item.quat_wxyz)
             parent, child = item.parent_frame, item.child_frame
+            try:
+                to_parent = RigidTransform.from_quat_wxyz(item.position_m, item.quat_wxyz)
+            except MappingError as error:
+                raise MappingError(f"mount of {child} in {parent}: {error}") from error
             self._neighbours.setdefault(parent, {})[child] = to_parent
             self._neighbours.setdefault(child, {})[parent] = to_parent.inverse()
 

@@ -111,6 +111,9 @@ NGUYEN_2012 = DepthNoiseModel(
     lateral_angle_px=0.035,
 )
 
+# 16 bits of millimetres.
+_LARGEST_READING_M = 65.535
+
 # f b of a Kinect V1: 580 px x 75 mm.
 KINECT_V1_FOCAL_BASELINE_PX_M = 43.5
 
@@ -138,8 +141,11 @@ def constant_noise(sigma_m: float) -> DepthNoiseModel:
     """Return a model with the same axial sigma everywhere and no lateral noise.
 
     Raises:
-        MappingError: sigma is not a positive number.
+        MappingError: sigma is not a positive number, or larger than any depth reading.
     """
-    if not 0.0 < sigma_m < np.inf:
-        raise MappingError(f"constant depth noise is {sigma_m} m; expected a number above 0")
+    if not 0.0 < sigma_m <= _LARGEST_READING_M:
+        raise MappingError(
+            f"constant depth noise is {sigma_m} m; expected a number above 0, at most "
+            f"{_LARGEST_READING_M} m"
+        )
     return DepthNoiseModel(name="constant", axial_offset_m=sigma_m)

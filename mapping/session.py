@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
+from acquisition.clock_sample import ClockSample
 from acquisition.provenance import METADATA_NAME
 from acquisition.read_report import ReadReport
 from acquisition.stream_reader import StreamMessage, StreamReader
@@ -25,11 +26,14 @@ class MapOptions:
     Attributes:
         settings: the map's settings; their mount sigmas count only when the two below are None
             and the recording says nothing.
+        given: names of the settings that the user gave; the others yield to the recording's own
+            map section (rover.toml).
         noise: depth noise model.
         mount_sigma_m, mount_sigma_rad: uncertainty of the depth sensor's mount.
     """
 
     settings: MapSettings
+    given: frozenset[str] = frozenset()
     noise: DepthNoiseModel | None = None
     mount_sigma_m: float | None = None
     mount_sigma_rad: float | None = None
@@ -60,7 +64,8 @@ def map_stream(
     mapper: Mapper | None = None
     for message in reader:
         mapper = mapper or _mapper_for(options, reader.metadata)
-        mapper.add(message.sample)
+        if not isinstance(message.sample, ClockSample):
+            mapper.add(message.sample)
         progress(message)
     mapper = mapper or _mapper_for(options, reader.metadata)
     mapper.finish()
@@ -94,7 +99,7 @@ def _mapper_for(options: MapOptions, metadata: Mapping[str, Mapping[str, str]]) 
     if noise is None and "depth_noise" in recorded:
         noise = parse_noise(json.dumps(recorded["depth_noise"]), "the recording's depth_noise")
     settings = replace(
-        options.settings,
+        _with_recorded_map(options, recorded.get("map")),
         mount_sigma_m=_first(
             options.mount_sigma_m, recorded.get("mount_sigma_m"), options.settings.mount_sigma_m
         ),
@@ -105,6 +110,24 @@ def _mapper_for(options: MapOptions, metadata: Mapping[str, Mapping[str, str]]) 
         ),
     )
     return Mapper(settings, noise or KINECT_V1)
+
+
+def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:
+    """Return the settings with what the recording says, where the user says nothing.
+
+    Raises:
+        MappingError: the recording's map section is none.
+    """
+    if section is None:
+        return options.settings
+    known = {item.name for item in fields(MapSettings)}
+    if not isinstance(section, dict) or not section.keys() <= known:
+        raise MappingError(f"the recording's map section is {section!r}; expected known settings")
+    recorded = {name: value for name, value in section.items() if name not in options.given}
+    for name, value in recorded.items():
+        if isinstance(value, bool) or isinstance(value, str) != (name == "grid"):
+            raise MappingError(f"the recording's map section has {name} = {value!r}")
+    return replace(options.settings, **recorded)
 
 
 def _first(*candidates: object) -> float:

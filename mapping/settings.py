@@ -28,6 +28,7 @@ _POSITIVE = (
 _NOT_NEGATIVE = (
     "common_correlation_time_s",
     "relief_share",
+    "relief_frames",
     "mount_sigma_m",
     "mount_sigma_rad",
 )
@@ -47,12 +48,16 @@ class MapSettings:
         grid: "growing" keeps everything that was seen; "scrolling" keeps a window around the
             rover and forgets what leaves it.
         window_m: edge of that window.
-        memory_limit_mb: a growing map that would need more is refused.
+        memory_limit_mb: a map whose cells would need more is refused; while it grows and while it
+            is read out, up to three times as much is in use.
         gate_sigma: a measurement further than this from the cell goes to the second hypothesis.
         confirmations: consistent rejects after which the second hypothesis replaces the cell.
         sigma_floor_m, sigma_ceiling_m: a cell's frame-to-frame sigma is held between these.
         common_correlation_time_s: time over which the errors of successive poses are alike.
-        relief_share: share of the spread inside a cell that no number of frames averages away.
+        relief_share: share of the spread inside a cell, and of the roughness around it, that no
+            number of frames averages away.
+        relief_frames: the roughness around a cell counts this many times over the number of
+            frames in addition.
         mount_sigma_m, mount_sigma_rad: uncertainty of the sensor's mount on the tracked body.
         range_min_m, range_max_m: nearer and farther readings are not mapped.
         confirmed_frames, confirmed_pixels: a cell with fewer is "unconfirmed".
@@ -70,7 +75,8 @@ class MapSettings:
     sigma_floor_m: float = 0.0002
     sigma_ceiling_m: float = 1.0
     common_correlation_time_s: float = 0.3
-    relief_share: float = 0.06
+    relief_share: float = 0.02
+    relief_frames: float = 5.0
     mount_sigma_m: float = 0.0
     mount_sigma_rad: float = 0.0
     range_min_m: float = 0.4

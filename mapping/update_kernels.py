@@ -1,7 +1,8 @@
 """The per-cell loop: one frame's sums per cell in, one Kalman update per cell out (numba, cached).
 
-All arithmetic is float64; the stored layers are float32. The loop runs over the window row by
-row, each cell on its own, so its result does not depend on the order.
+All arithmetic is float64; most stored layers are float32. The loop runs over the window row by row,
+each cell on its own, so its result does not depend on the order. All compiled code of the update
+is in this file: numba looks for changes in the file of a cached kernel, not in what it calls.
 """
 
 from __future__ import annotations
@@ -12,97 +13,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mapping.settings import MapSettings
+from mapping.cell_layers import CellLayers
+from mapping.update_constants import FrameConstants, FusionConstants
 
-Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 
-
-class CellLayers(NamedTuple):
-    """What is known of every cell; all arrays (rows, columns).
-
-    elevation_m: height in T. variance_m2: variance of all errors that differ from frame to frame.
-    systematic_*_m: how far one sigma of each error that stays the same for the whole run moves
-    the cell: mount rotation about the sensor's x, y and z, and depth bias. relief_m2: spread of
-    the surface inside the cell, in excess of pixel noise: unbiased, so it may be below 0 where the
-    ground is flat. candidate_*: the second hypothesis and how often it was confirmed.
-    frames, pixels: accepted measurements and the pixels in them. last_ns: stamp of the last one,
-    meaningless while frames is 0.
-    """
-
-    elevation_m: Float32Array
-    variance_m2: Float32Array
-    systematic_a_m: Float32Array
-    systematic_b_m: Float32Array
-    systematic_c_m: Float32Array
-    systematic_bias_m: Float32Array
-    relief_m2: Float32Array
-    candidate_m: Float32Array
-    candidate_m2: Float32Array
-    candidate_hits: NDArray[np.uint8]
-    frames: NDArray[np.uint32]
-    pixels: NDArray[np.uint32]
-    last_ns: NDArray[np.int64]
-
-
-class FrameConstants(NamedTuple):
-    """One frame's geometry and common errors, in T; see `mapping.measurement`.
-
-    first_column, first_row: the window's corner in the layers, which wrap around. corner_*: that
-    corner relative to the camera. lever_*: camera minus tracked body. rXY: elements of C_TS.
-    pose_*: entries of the pose covariance, z, rotation about x and about y. mount_rad: sigma of
-    the mount's rotation. bias_*: sigma of the depth bias is bias_0 + bias_2 z^2.
-    """
-
-    t_ns: int
-    first_column: int
-    first_row: int
-    cells_x: int
-    cells_y: int
-    cell_size_m: float
-    corner_x_m: float
-    corner_y_m: float
-    camera_z_m: float
-    lever_x_m: float
-    lever_y_m: float
-    r00: float
-    r01: float
-    r02: float
-    r10: float
-    r11: float
-    r12: float
-    r22: float
-    pose_zz: float
-    pose_za: float
-    pose_zb: float
-    pose_aa: float
-    pose_ab: float
-    pose_bb: float
-    mount_rad: float
-    bias_0_m: float
-    bias_2_per_m: float
-    correlation_area_px: float
-
-
-class FusionConstants(NamedTuple):
-    """How measurements are fused; see `mapping.settings.MapSettings`."""
-
-    gate2: float
-    floor_m2: float
-    ceiling_m2: float
-    correlation_time_ns: float
-    confirmations: int
-
-
-def fusion_constants(settings: MapSettings) -> FusionConstants:
-    """Return the settings in the units of the loop."""
-    return FusionConstants(
-        gate2=settings.gate_sigma**2,
-        floor_m2=settings.sigma_floor_m**2,
-        ceiling_m2=settings.sigma_ceiling_m**2,
-        correlation_time_ns=settings.common_correlation_time_s * 1e9,
-        confirmations=settings.confirmations,
-    )
+_MOST_PIXELS = 2.0**32 - 1.0
 
 
 class Systematic(NamedTuple):
@@ -143,9 +59,10 @@ def _systematic(c: FrameConstants, x: float, y: float, rise: float) -> Systemati
     """Sensitivity of height to the constant errors, for a point l = (x, y, rise) from the camera.
 
     Mount, a small rotation d of the sensor in its own axes: dh = e . (C d x l) = (C' (l x e)) . d
-    with l x e = (y, -x, 0). Bias: moves the point along its ray, dh = rise / z dz.
+    with l x e = (y, -x, 0). Bias: moves the point along its ray, dh = rise / z dz; the middle of a
+    large cell may be nearer than any reading.
     """
-    depth = max(c.r02 * x + c.r12 * y + c.r22 * rise, 1e-3)
+    depth = max(c.r02 * x + c.r12 * y + c.r22 * rise, c.range_min_m)
     bias = rise / depth * (c.bias_0_m + c.bias_2_per_m * depth * depth)
     return Systematic(
         c.mount_rad * (c.r00 * y - c.r10 * x),
@@ -280,7 +197,7 @@ def _update(
     layers.relief_m2[row, column] = relief + share * (m.relief_m2 - relief)
     layers.candidate_hits[row, column] = max(layers.candidate_hits[row, column], 1) - 1
     layers.frames[row, column] += np.uint32(1)
-    layers.pixels[row, column] += np.uint32(m.pixels)
+    layers.pixels[row, column] = np.uint32(min(pixels + m.pixels, _MOST_PIXELS))
     layers.last_ns[row, column] = t_ns
 
 
@@ -290,28 +207,30 @@ def _challenge(
 ) -> bool:
     """Give a measurement outside the gate to the second hypothesis; True when that takes over."""
     hits = layers.candidate_hits[row, column]
-    measured = m.own_m2 + m.common_m2
     known = float(layers.candidate_m2[row, column])
     innovation = m.height_m - float(layers.candidate_m[row, column])
-    agrees = innovation * innovation <= f.gate2 * (known + measured + max(m.relief_m2, 0.0))
-    if hits > 0 and agrees:
-        gain = known / (known + measured)
+    variance = known + m.own_m2 + 2.0 * m.common_m2 + max(m.relief_m2, 0.0)
+    if hits > 0 and innovation * innovation <= f.gate2 * variance:
+        gain = known / (known + m.own_m2)
         layers.candidate_m[row, column] += gain * innovation
         layers.candidate_m2[row, column] = (1.0 - gain) * known
         hits += 1
     else:
         layers.candidate_m[row, column] = m.height_m
-        layers.candidate_m2[row, column] = measured
+        layers.candidate_m2[row, column] = m.own_m2
         hits = 1
     layers.candidate_hits[row, column] = hits
     if hits < f.confirmations:
         return False
     winner = float(layers.candidate_m[row, column])
-    variance = float(layers.candidate_m2[row, column])
+    # The pose's error is common to hits that follow each other: it was not averaged away.
+    variance = float(layers.candidate_m2[row, column]) + m.common_m2
     _begin(layers, row, column, m, t_ns, f)
     layers.elevation_m[row, column] = winner
     layers.variance_m2[row, column] = _clamp(variance, f.floor_m2, f.ceiling_m2)
     layers.frames[row, column] = np.uint32(f.confirmations)
+    # Earlier hits had a pixel at least; fewer pixels than frames would upset the relief's share.
+    layers.pixels[row, column] = np.uint32(max(m.pixels, float(f.confirmations)))
     return True
 
 

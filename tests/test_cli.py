@@ -14,6 +14,7 @@ from PIL import Image
 
 import cli
 from acquisition.console import CHECK_FAILED, OK
+from acquisition.inspection import check
 from mapping.fill import fill_gaps
 from mapping.map_file import read_map
 
@@ -126,6 +127,36 @@ def test_flipped_byte_is_reported_and_never_mapped_silently(
     assert cli.main(["check", str(damaged)]) == CHECK_FAILED
 
 
+def simulate(folder: Path) -> list[str]:
+    """Return the arguments of a short simulated run into a folder."""
+    files = ["-o", str(folder / "run.mcap"), "--truth", str(folder / "truth.nc")]
+    return ["simulate", "simulation", "--seed", "5", "--seconds", "4.5", *files]
+
+
+def test_a_simulated_run_is_mapped_and_judged_and_is_the_same_in_another_process(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = [tmp_path / "one", tmp_path / "two"]
+    for folder in folders:
+        folder.mkdir()
+    assert cli.main(simulate(folders[0])) == OK
+    assert "faster than real time" in capsys.readouterr().out
+    other = [sys.executable, "-m", "cli", *simulate(folders[1])]
+    subprocess.run(other, cwd=_ROOT, capture_output=True, check=True)
+    for name in ("run.mcap", "truth.nc"):
+        assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes()
+    assert {path.name for path in folders[0].iterdir()} == {"run.mcap", "truth.nc"}
+    run, truth, map_file = folders[0] / "run.mcap", folders[0] / "truth.nc", tmp_path / "map.nc"
+    # Frames on a CAN bus come in bursts, which look like gaps between the bursts.
+    assert {(found.kind, found.topic) for found in check(run)} <= {("gap", "/can")}
+    assert run_map(run, map_file) == OK
+    capsys.readouterr()
+    assert cli.main(["evaluate", str(map_file), "--truth", str(truth), "--json"]) == OK
+    scores = json.loads(capsys.readouterr().out)
+    assert scores["rmse_m"] < 0.003
+    assert scores["completeness"] > 0.9
+
+
 def test_devices_lists_and_checks_profiles(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -160,6 +191,17 @@ def test_devices_lists_and_checks_profiles(
         (["import", "tum", "{tmp}", "--intrinsics", "1,1,1,1", "-o", "{tmp}/y.mcap"], "depth.txt"),
         (["demo", "--seconds", "0"], "0.2 to 3600 s"),
         (["demo", "--seed", "-1"], "seed"),
+        (["simulate", "moon", "-o", "{tmp}/r.mcap", "--truth", "{tmp}/t.nc"], "simulation, smooth"),
+        (
+            ["simulate", "indoor", "-o", "{tmp}/r.mcap", "--truth", "{tmp}/t.nc", "--seconds", "1"],
+            "4 to 3600 s",
+        ),
+        (
+            ["simulate", "indoor", "-o", "{tmp}/r.mcap", "--truth", "{tmp}/t.nc", "--seed", "-1"],
+            "seed -1",
+        ),
+        (["simulate", "indoor", "-o", "{tmp}/r", "--truth", "{tmp}/r"], "give two names"),
+        (["simulate", "indoor", "-o", "{tmp}/r.mcap", "--truth", "{tmp}/no/t.nc"], "no folder"),
     ],
 )
 def test_unusable_input_is_one_line_and_exit_2(

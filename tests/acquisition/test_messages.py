@@ -14,19 +14,37 @@ from hypothesis.extra import numpy as hnp
 
 from acquisition import messages
 from acquisition.depth_messages import CameraInfo, DepthImage
+from acquisition.diagnostics import DeviceStatus, Diagnostics, Level
 from acquisition.errors import StreamError
 from acquisition.frames import StaticTransform, StaticTransforms
 from acquisition.messages import MESSAGE_TYPES, MessageType, typestore
 from drivers.samples import AccelerationSample, CameraIntrinsics, DepthFrame, PoseSample
-from tests.fakes.recordings import MOUNT, acceleration, depth_frame, pose, same
+from tests.fakes.device_samples import can_frame, vibration, wheel_twist, with_ticks, yaw_rate
+from tests.fakes.recordings import MOUNT, acceleration, clock_sample, depth_frame, pose, same
 
 T_NS = 1_234_567_890_123_456_789
+DIAGNOSTICS = Diagnostics(
+    T_NS,
+    (
+        DeviceStatus(Level.WARN, "gyro", "2 gaps", "A7", {"rate_hz": "399.8", "gaps": "2"}),
+        DeviceStatus(Level.STALE, "wheels", "", "", {}),
+    ),
+)
 EXAMPLES: dict[str, messages.Recordable] = {
     "/tf_static": StaticTransforms(T_NS, (MOUNT, MOUNT)),
     "/depth/camera_info": depth_frame(5, T_NS),
     "/depth/image": depth_frame(5, T_NS),
     "/mocap/pose": pose(5, T_NS),
     "/acceleration": acceleration(5, T_NS),
+    "/clock": clock_sample(5, T_NS),
+    "/vibration": vibration(5, T_NS),
+    "/gyro": yaw_rate(5, T_NS),
+    "/gyro/raw": yaw_rate(5, T_NS),
+    "/can": can_frame(5, T_NS),
+    "/wheels": wheel_twist(5, T_NS),
+    "/wheels/speeds": wheel_twist(5, T_NS),
+    "/depth/ticks": with_ticks(5, T_NS),
+    "/diagnostics": DIAGNOSTICS,
 }
 times_ns = st.integers(0, 2**31 * 10**9 - 1)
 sequences = st.integers(0, 2**32 - 1)
@@ -161,6 +179,19 @@ def decoded(topic: str, data: bytes) -> messages.Record:
             lambda m: m.linear_acceleration_covariance.__setitem__(0, -1.0),
             "not measured",
         ),
+        ("/vibration", lambda m: setattr(m, "quantity", 0), "quantity is 0; expected 1 to 3"),
+        ("/vibration", lambda m: setattr(m, "statistic", 5), "statistic is 5; expected 1 to 4"),
+        ("/vibration", lambda m: setattr(m, "frequency_hz", np.full(3, np.inf)), "is infinite"),
+        ("/vibration", lambda m: setattr(m, "temperature_c", np.inf), "temperature is infinite"),
+        ("/gyro", lambda m: setattr(m.angular_velocity, "z", np.nan), "rate is not finite"),
+        ("/gyro", lambda m: m.angular_velocity_covariance.__setitem__(0, -1.0), "not measured"),
+        ("/gyro/raw", lambda m: setattr(m.header.stamp, "sec", -1), "stamp of -1 s"),
+        ("/can", lambda m: setattr(m, "dlc", 9), "has 9 bytes"),
+        ("/can", lambda m: setattr(m, "id", 2**29), "arbitration id is 536870912"),
+        ("/wheels", lambda m: setattr(m.twist.twist.linear, "x", np.inf), "speed is not finite"),
+        ("/wheels", lambda m: m.twist.covariance.__setitem__(0, -1.0), "variance of the speed"),
+        ("/wheels", lambda m: m.twist.covariance.__setitem__(35, np.nan), "of the yaw rate is nan"),
+        ("/wheels/speeds", lambda m: setattr(m, "left_m_s", np.inf), "left speed is infinite"),
         ("/tf_static", lambda m: setattr(m.transforms[1].transform.rotation, "w", 0.0), "length"),
     ],
 )
@@ -209,6 +240,18 @@ def test_a_sample_that_makes_no_sense_is_not_written(
 def test_a_sequence_beyond_32_bits_is_refused(sequence: int) -> None:
     with pytest.raises(StreamError, match="sequence"):
         messages.checked_sequence(pose(sequence))
+
+
+def test_diagnostics_come_back_as_they_were() -> None:
+    assert there_and_back(DIAGNOSTICS) == [DIAGNOSTICS]
+
+
+def test_a_status_of_an_unknown_level_is_refused() -> None:
+    def change(message: Any) -> None:
+        message.status[0].level = 9
+
+    with pytest.raises(StreamError, match="9 is not a valid Level"):
+        decoded("/diagnostics", changed("/diagnostics", change))
 
 
 def example_cdr(row: MessageType) -> bytes:

@@ -12,26 +12,14 @@ import pytest
 from acquisition.replay import Replay
 from drivers.errors import DriverError, EndOfSource
 from drivers.samples import AccelerationSample, DepthFrame, PoseSample, Sample
+from tests.fakes.fake_time import FakeTime
 from tests.fakes.recordings import START_NS, bits, pose, recording, samples
 
-
-class FakeTime:
-    """A clock that only sleeping moves."""
-
-    def __init__(self) -> None:
-        self.now_ns = 5_000
-        self.slept_s: list[float] = []
-
-    def clock_ns(self) -> int:
-        return self.now_ns
-
-    def sleep(self, seconds: float) -> None:
-        self.slept_s.append(seconds)
-        self.now_ns += round(seconds * 1e9)
+BEGIN_NS = 5_000
 
 
 def replay(path: Path, fake: FakeTime, **options: Any) -> Replay:
-    return Replay(path, clock_ns=fake.clock_ns, sleep=fake.sleep, **options)
+    return Replay(path, clock_ns=fake, sleep=fake.sleep, **options)
 
 
 def played(source: Replay, fake: FakeTime, timeout_s: float = 10.0) -> list[tuple[int, Sample]]:
@@ -60,31 +48,31 @@ def test_it_announces_what_the_recording_holds(path: Path) -> None:
 
 
 def test_at_real_speed_each_sample_comes_at_its_time(path: Path) -> None:
-    fake = FakeTime()
+    fake = FakeTime(BEGIN_NS)
     source = replay(path, fake)
     source.open()
     found = played(source, fake)
     source.close()
     assert [bits(sample) for _, sample in found] == [bits(sample) for sample in samples(0.5)]
     for given_ns, sample in found:
-        assert given_ns - 5_000 == pytest.approx(sample.t_ns - START_NS, abs=100)
+        assert given_ns - BEGIN_NS == pytest.approx(sample.t_ns - START_NS, abs=100)
 
 
 @pytest.mark.parametrize(("speed", "share"), [(2.0, 0.5), (0.25, 4.0), (0.0, 0.0)])
 def test_it_plays_at_any_speed(path: Path, speed: float, share: float) -> None:
-    fake = FakeTime()
+    fake = FakeTime(BEGIN_NS)
     source = replay(path, fake, speed=speed)
     source.open()
     assert len(played(source, fake)) == len(samples(0.5))
     source.close()
     recorded_ns = samples(0.5)[-1].t_ns - START_NS
-    assert fake.now_ns - 5_000 == pytest.approx(share * recorded_ns, abs=1000)
+    assert fake.now_ns - BEGIN_NS == pytest.approx(share * recorded_ns, abs=1000)
 
 
 def test_a_read_waits_no_longer_than_it_may(tmp_path: Path) -> None:
     path = tmp_path / "r.mcap"
     path.write_bytes(recording([pose(0), pose(1, START_NS + 10**9)]))
-    fake = FakeTime()
+    fake = FakeTime(BEGIN_NS)
     source = replay(path, fake)
     source.open()
     assert len(source.read(0.3)) == 1
@@ -94,7 +82,7 @@ def test_a_read_waits_no_longer_than_it_may(tmp_path: Path) -> None:
 
 
 def test_repeats_keep_time_and_numbers_rising(path: Path) -> None:
-    fake = FakeTime()
+    fake = FakeTime(BEGIN_NS)
     source = replay(path, fake, speed=0.0, repeats=3)
     source.open()
     found = [sample for _, sample in played(source, fake)]
@@ -110,7 +98,7 @@ def test_repeats_keep_time_and_numbers_rising(path: Path) -> None:
 
 
 def test_it_may_be_opened_again_and_closed_twice(path: Path) -> None:
-    fake = FakeTime()
+    fake = FakeTime(BEGIN_NS)
     source = replay(path, fake, speed=0.0)
     for _ in range(2):
         source.open()
@@ -130,7 +118,7 @@ def damaged(data: bytes) -> bytes:
 
 def test_damage_is_an_error(path: Path) -> None:
     path.write_bytes(damaged(path.read_bytes()))
-    fake = FakeTime()
+    fake = FakeTime(BEGIN_NS)
     source = replay(path, fake, speed=0.0)
     source.open()
     with pytest.raises(DriverError, match=r"replay: .*r.mcap is damaged: .* at offset"):
@@ -141,7 +129,7 @@ def test_damage_is_an_error(path: Path) -> None:
 def test_a_recording_too_disordered_is_an_error(path: Path) -> None:
     times_ns = [0, 10**9, 2 * 10**9, 1]
     path.write_bytes(recording([pose(i, START_NS + t_ns) for i, t_ns in enumerate(times_ns)]))
-    fake = FakeTime()
+    fake = FakeTime(BEGIN_NS)
     source = replay(path, fake, speed=0.0)
     source.open()
     with pytest.raises(DriverError, match="1 messages too late"):

@@ -14,23 +14,28 @@ import pytest
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader as McapStreamReader
 
+from acquisition import messages
 from acquisition.byte_source import FinishedFile
+from acquisition.diagnostics import DeviceStatus, Diagnostics, Level
 from acquisition.errors import StreamError
 from acquisition.stream_reader import StreamReader
 from acquisition.stream_writer import StreamWriter
-from drivers.samples import PoseSample
+from drivers.samples import AccelerationSample, PoseSample
 from drivers.source import SourceInfo
 from tests.fakes.recordings import (
     MOUNT,
     SETTINGS,
     SOURCE,
     START_NS,
+    acceleration,
     depth_frame,
     pose,
+    reader_of,
     recording,
     samples,
 )
 
+ACCELEROMETER = SourceInfo("imu", "chip", "", (AccelerationSample,), "recorded")
 POSES = SourceInfo("tracker", "mocap", "", (PoseSample,), "recorded")
 
 
@@ -51,8 +56,8 @@ def test_provenance_then_definitions_then_the_first_chunk() -> None:
     kinds = [type(record) for record in records(recording([depth_frame(0)]))]
     first_chunk = kinds.index(Chunk)
     assert kinds.index(Metadata) == 1
-    assert kinds[2:first_chunk].count(Schema) == 5
-    assert kinds[2:first_chunk].count(Channel) == 5
+    assert kinds[2:first_chunk].count(Schema) == 7
+    assert kinds[2:first_chunk].count(Channel) == 7
 
 
 def test_static_transforms_come_first_at_the_time_of_the_first_sample() -> None:
@@ -123,6 +128,48 @@ def test_it_refuses_a_sample_that_was_not_announced() -> None:
         pytest.raises(StreamError, match="no source of this recording produces DepthFrame"),
     ):
         stream.write(depth_frame(0))
+
+
+def test_a_source_that_turns_up_late_is_announced_before_its_samples() -> None:
+    stream = io.BytesIO()
+    with writer(stream, sources=[ACCELEROMETER]) as out:
+        out.write(acceleration(0))
+        out.add_source(POSES)
+        out.write(pose(0))
+    found = records(stream.getvalue())
+    late = max(i for i, record in enumerate(found) if isinstance(record, Chunk))
+    before = [r.topic for r in found[:late] if isinstance(r, Channel)]
+    assert before.count("/mocap/pose") == 1
+    reader = reader_of(stream.getvalue())
+    assert [message.topic for message in reader] == ["/tf_static", "/acceleration", "/mocap/pose"]
+    assert {"source.tracker", "source.imu", "settings"} <= set(reader.metadata["terravibe"])
+
+
+def test_a_late_source_of_a_type_that_is_there_is_refused_and_changes_nothing() -> None:
+    stream = io.BytesIO()
+    with writer(stream) as out:
+        with pytest.raises(StreamError, match="fake and tracker both produce PoseSample"):
+            out.add_source(POSES)
+        out.write(pose(0))
+    assert "source.tracker" not in reader_metadata(stream.getvalue())
+
+
+def reader_metadata(data: bytes) -> dict[str, str]:
+    reader = reader_of(data)
+    list(reader)
+    return reader.metadata["terravibe"]
+
+
+def test_the_writing_program_may_say_something_itself() -> None:
+    said = Diagnostics(START_NS, (DeviceStatus(Level.OK, "fake", "well", "7", {"a": "b"}),))
+    stream = io.BytesIO()
+    with writer(stream, extra_types=[Diagnostics], static_transforms=[]) as out:
+        size_bytes = out.write(said)
+        out.add_metadata("end", {"losses": "0"})
+    reader = reader_of(stream.getvalue())
+    assert [message.sample for message in reader] == [said]
+    assert reader.metadata["end"] == {"losses": "0"}
+    assert size_bytes == len(messages.encode(said)[0].cdr)
 
 
 def test_it_refuses_to_write_when_closed() -> None:

@@ -7,6 +7,7 @@ import pytest
 from drivers.errors import DriverError
 from drivers.vibration_poll import PollCounters, Poller
 from drivers.vibration_profile_tables import Poll
+from tests.fakes.fake_time import FakeTime
 
 _MS = 1_000_000
 _REQUEST = bytes.fromhex("50 03 00 30 00 17 08 4A")
@@ -17,14 +18,14 @@ class _Bench:
     """A wire, a clock and a poller that asks every 100 ms and waits 20 ms for a reply."""
 
     def __init__(self, retries: int = 2) -> None:
-        self.now_ns = 1_000 * _MS
+        self.time = FakeTime()
         self.log: list[str] = []
         poll = Poll(request=_REQUEST, reply_within_s=0.02, retries=retries, modbus=True)
-        self.poller = Poller("/dev/x", poll, 100 * _MS, lambda: self.now_ns, self._sleep)
+        self.poller = Poller("/dev/x", poll, 100 * _MS, self.time, self._sleep)
 
     def _sleep(self, seconds: float) -> None:
         self.log.append(f"sleep {seconds * 1000:g} ms")
-        self.now_ns += round(seconds * 1e9)
+        self.time.sleep(seconds)
 
     def write(self, data: bytes) -> None:
         assert data == _REQUEST
@@ -34,10 +35,10 @@ class _Bench:
         self.log.append("discard")
 
     def ask(self, within_ms: int = 1000) -> float:
-        return self.poller.ask(self, self.now_ns + within_ms * _MS)
+        return self.poller.ask(self, self.time() + within_ms * _MS)
 
     def hear(self, data: bytes, *, after_ms: int = 5, answered: bool = False) -> None:
-        self.now_ns += after_ms * _MS
+        self.time.advance(after_ms / 1000)
         self.poller.hear(data, answered=answered)
 
 
@@ -58,7 +59,7 @@ def test_beats_that_were_missed_are_not_caught_up() -> None:
     bench = _Bench()
     bench.ask()
     bench.hear(b"...", answered=True)
-    bench.now_ns += 730 * _MS
+    bench.time.advance(0.73)
     bench.ask()
     bench.hear(b"...", answered=True)
     bench.ask()

@@ -25,10 +25,8 @@ TwistOrFrame = CanFrameSample | WheelTwistSample
 
 @pytest.fixture
 def adapter(tmp_path: Path) -> Iterator[SlcanPty]:
-    pty = SlcanPty(tmp_path / "ttyCAN", seed=7)
-    yield pty
-    if pty.path.is_symlink():
-        pty.unplug()
+    with SlcanPty(tmp_path / "ttyCAN", seed=7) as pty:
+        yield pty
 
 
 def slcan_wheels(adapter: SlcanPty, fake_time: FakeTime | None = None) -> Wheels:
@@ -151,7 +149,7 @@ def test_unplugging_is_named_and_replugging_is_used_again(adapter: SlcanPty) -> 
             for _ in range(2):
                 with pytest.raises(DriverError, match=r"wheels: slcan:.*/ttyCAN: .*plugged in"):
                     wheels.read(0.01)
-            adapter.plug()
+            adapter.replug()
             replugged_ns = fake_time()
             wheels.read(0.0)
             assert adapter.is_streaming

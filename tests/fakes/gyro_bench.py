@@ -67,4 +67,10 @@ def gaps(samples: Sequence[YawRateSample]) -> int:
 
 def truly_lost(samples: Sequence[YawRateSample]) -> int:
     """How many samples of a free-running model are missing, by its own numbering."""
-    return (samples[-1].raw_counts - samples[0].raw_counts) % 2**15 + 1 - len(samples)
+    return (counts(samples[-1]) - counts(samples[0])) % 2**15 + 1 - len(samples)
+
+
+def counts(sample: YawRateSample) -> int:
+    """Return the register value, which every live sample has."""
+    assert sample.raw_counts is not None
+    return sample.raw_counts

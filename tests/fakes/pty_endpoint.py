@@ -10,6 +10,7 @@ from __future__ import annotations
 import array
 import fcntl
 import os
+import select
 import termios
 import tty
 from pathlib import Path
@@ -61,6 +62,10 @@ class PtyEndpoint:
             return os.write(self._device, data)
         except BlockingIOError:
             return 0
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until the host has sent something that is not read yet; return whether it has."""
+        return bool(select.select([self._device], [], [], timeout_s)[0])
 
     def read(self) -> bytes:
         """Return what the host has sent since the last call."""

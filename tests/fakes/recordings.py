@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import io
+import struct
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
 from acquisition.byte_source import Pipe
+from acquisition.clock_sample import ClockSample
 from acquisition.frames import (
     DEPTH_OPTICAL_FRAME,
     MOCAP_BODY_FRAME,
     StaticTransform,
-    StaticTransforms,
 )
+from acquisition.messages import Recordable
 from acquisition.stream_reader import StreamMessage, StreamReader
 from acquisition.stream_writer import StreamWriter
 from drivers.samples import (
@@ -65,6 +67,24 @@ def acceleration(number: int, t_ns: int = START_NS) -> AccelerationSample:
     return AccelerationSample(t_ns, frozen_array((number * 0.01, 0.0, 9.81), (3,)), number)
 
 
+def clock_sample(number: int, t_ns: int = START_NS) -> ClockSample:
+    """Return a sample of a device's clock whose ticks tell its number."""
+    return ClockSample(
+        t_ns=t_ns,
+        source="kinect",
+        host_monotonic_ns=5_000_000_000 + number,
+        host_raw_ns=4_999_000_000 + number,
+        host_real_ns=t_ns + 7,
+        boot_id="8d0f4c2e",
+        offset_ns=-number,
+        skew_ppm=-39.5,
+        device_ticks=2**63 + number,
+        event="device_step" if number % 2 else "",
+        event_ns=-1000 * number,
+        sequence=number,
+    )
+
+
 def samples(seconds: float) -> list[Sample]:
     """Return depth at 30 Hz, poses at 100 Hz and accelerations at 200 Hz, in time order."""
     end_ns = START_NS + int(seconds * 1e9)
@@ -78,11 +98,13 @@ def samples(seconds: float) -> list[Sample]:
     return sorted(made, key=lambda sample: sample.t_ns)
 
 
-def recording(content: Sequence[Sample], **options: Any) -> bytes:
+def recording(
+    content: Sequence[Sample | ClockSample], source: SourceInfo = SOURCE, **options: Any
+) -> bytes:
     """Return the bytes of a recording of those samples."""
     stream = io.BytesIO()
     with StreamWriter(
-        stream, sources=[SOURCE], static_transforms=[MOUNT], settings=SETTINGS, **options
+        stream, sources=[source], static_transforms=[MOUNT], settings=SETTINGS, **options
     ) as writer:
         for sample in content:
             writer.write(sample)
@@ -94,7 +116,7 @@ def reader_of(data: bytes, **options: Any) -> StreamReader:
     return StreamReader(Pipe(io.BytesIO(data), "test"), **options)
 
 
-def same(a: Sample | StaticTransforms, b: Sample | StaticTransforms) -> bool:
+def same(a: Recordable, b: Recordable) -> bool:
     """Tell whether two samples are equal bit for bit."""
     return type(a) is type(b) and bits(a) == bits(b)
 
@@ -103,6 +125,8 @@ def bits(value: object) -> object:
     """Return a sample, a message or a part of one as something that compares bit for bit."""
     if isinstance(value, np.ndarray):
         return (value.dtype.str, value.shape, value.tobytes())
+    if isinstance(value, float):
+        return struct.pack("<d", value)  # NaN is equal to nothing
     if isinstance(value, tuple):
         return tuple(bits(item) for item in value)
     if hasattr(value, "__slots__"):

@@ -1,7 +1,6 @@
 """An slcan (LAWICEL) adapter on a pseudo-terminal, for unmodified python-can and pyserial.
 
-The device node is a symbolic link to the pseudo-terminal, as udev would make one, so that the
-adapter keeps its name when it is plugged in again. Bytes leave in chunks that ignore line ends.
+Bytes leave in chunks that ignore line ends.
 
 Not simulated: the CAN bus itself (arbitration, error states, bus-off), baud rates, an adapter
 that resets when it is opened, time stamps, CAN FD, and flow control other than a full buffer.
@@ -9,12 +8,11 @@ that resets when it is opened, time stamps, CAN FD, and flow control other than 
 
 from __future__ import annotations
 
-import os
 import random
-import select
-import tty
 from collections.abc import Iterable
 from pathlib import Path
+
+from tests.fakes.pty_endpoint import PtyEndpoint
 
 
 def frame_line(arbitration_id: int, data: bytes, *, extended: bool) -> bytes:
@@ -23,30 +21,19 @@ def frame_line(arbitration_id: int, data: bytes, *, extended: bool) -> bytes:
     return f"{head}{len(data)}{data.hex().upper()}\r".encode()
 
 
-class SlcanPty:
-    """One adapter at `path`; `feed` queues bytes and `pump` lets them out as far as they fit."""
+class SlcanPty(PtyEndpoint):
+    """An adapter; `feed` queues bytes and `pump` lets them out as far as they fit."""
 
     def __init__(self, path: Path, *, seed: int = 0) -> None:
-        self.path = path
+        super().__init__(path)
         self.commands: list[str] = []
         self._random = random.Random(seed)
         self._pending = bytearray()
         self._command = bytearray()
-        self._master = self._slave = -1
-        self.plug()
-
-    def plug(self) -> None:
-        """Appear at `path`."""
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.path.symlink_to(os.ttyname(self._slave))
 
     def unplug(self) -> None:
-        """Disappear; whoever has the port open gets EIO."""
-        self.path.unlink()
-        os.close(self._master)
-        os.close(self._slave)
+        """Take the adapter away, with all that waits in it."""
+        super().unplug()
         self._pending.clear()
         self._command.clear()
         self.commands.clear()
@@ -54,7 +41,7 @@ class SlcanPty:
     @property
     def is_streaming(self) -> bool:
         """Whether the host has opened the CAN channel; its command may take a moment to arrive."""
-        while select.select([self._master], [], [], 0.0 if self._is_open() else 1.0)[0]:
+        while self.wait(0.0 if self._is_open() else 1.0):
             self._read_commands()
         return self._is_open()
 
@@ -75,16 +62,14 @@ class SlcanPty:
         """Write what fits into the terminal's buffer, in odd chunks; return how much waits."""
         assert self.is_streaming, "the host has not opened the channel"
         while self._pending:
-            chunk = self._pending[: self._random.randrange(1, 97)]
-            try:
-                written = os.write(self._master, chunk)
-            except BlockingIOError:
+            written = self.write(bytes(self._pending[: self._random.randrange(1, 97)]))
+            if not written:
                 break
             del self._pending[:written]
         return len(self._pending)
 
     def _read_commands(self) -> None:
-        self._command += os.read(self._master, 4096)
+        self._command += self.read()
         *lines, rest = bytes(self._command).split(b"\r")
         self._command = bytearray(rest)
         self.commands += [line.decode() for line in lines]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import art3d
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -180,3 +182,18 @@ def test_the_range_of_nothing_and_of_one_value_is_not_empty() -> None:
     assert central_range(np.array([np.nan])) == (0.0, 1.0)
     low, high = central_range(np.array([2.0, 2.0]))
     assert low < 2.0 < high
+
+
+class _DirtyNumpy:
+    """numpy whose `empty` holds the largest numbers, as unfilled memory may."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(np, name)
+
+    def empty(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
+        return np.full(shape, 1.7e308)
+
+
+def test_memory_that_nobody_filled_raises_no_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(art3d, "np", _DirtyNumpy())
+    assert len(png_bytes(surface_figure(hilly_map()))) > 10_000

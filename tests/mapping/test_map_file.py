@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import resource
 import signal
 from dataclasses import asdict, fields, replace
@@ -17,6 +16,7 @@ from hypothesis import strategies as st
 from mapping.errors import MappingError
 from mapping.layers import LayerSettings, derive
 from mapping.map_file import read_map, write_map
+from tests.fakes.ordinary_user import ordinary_user
 from tests.mapping.maps import EPOCH_NS, hilly_map, make_map
 
 
@@ -201,12 +201,13 @@ def test_a_map_is_not_written_into_a_missing_folder_or_over_a_folder(tmp_path: P
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write anywhere")
-def test_a_folder_without_permission_is_named(tmp_path: Path) -> None:
-    tmp_path.chmod(0o500)
-    with pytest.raises(MappingError, match="Permission denied"):
-        write_map(hilly_map(), tmp_path / "map.nc")
-    tmp_path.chmod(0o700)
+def test_a_folder_without_permission_is_named(path: Path) -> None:
+    write_map(hilly_map(), path)  # loads libraries that an ordinary user may not be let read
+    with ordinary_user() as folder:
+        folder.chmod(0o500)
+        with pytest.raises(MappingError, match=r"cannot write .*map\.nc: Permission denied; give"):
+            write_map(hilly_map(), folder / "map.nc")
+        folder.chmod(0o700)
 
 
 def test_a_full_disk_leaves_the_old_map_and_no_remains(path: Path) -> None:

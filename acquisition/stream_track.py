@@ -1,0 +1,139 @@
+"""What happened on one stream of one source: rate, gaps, losses, jitter of the stamps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+MAX_GAP_PERIODS = 5.0
+# The estimated period follows the last hundred samples or so, and is trusted after twenty.
+_PERIOD_WEIGHT = 0.01
+_TRUSTED_AFTER = 20
+
+
+@dataclass(frozen=True, slots=True)
+class StreamStatistics:
+    """One stream in figures; all but rate and jitter since the start of the recording.
+
+    Attributes:
+        samples: that were handed on to be written.
+        missed: lost before they reached the recorder, by the source's own numbers.
+        gaps: times without a sample, longer than five periods or because the source was lost.
+        gap_s: their sum.
+        longest_gap_s: the longest of them.
+        backwards: stamps older than the one before.
+        rate_hz: over the last interval; None when nothing came in it.
+        nominal_rate_hz: as expected; None = unknown.
+        jitter_s: standard deviation of the time between samples over the last interval.
+    """
+
+    samples: int
+    missed: int
+    gaps: int
+    gap_s: float
+    longest_gap_s: float
+    backwards: int
+    rate_hz: float | None
+    nominal_rate_hz: float | None
+    jitter_s: float | None
+
+
+class StreamTrack:
+    """Follows one stream. Times are of the samples, in ns; nothing in here looks at a clock."""
+
+    def __init__(self, nominal_rate_hz: float | None) -> None:
+        self._nominal_rate_hz = nominal_rate_hz
+        self._period_ns = 1e9 / nominal_rate_hz if nominal_rate_hz else 0.0
+        self._samples = self._missed = self._gaps = self._backwards = 0
+        self._gap_ns = self._longest_gap_ns = 0
+        self._last_ns: int | None = None
+        self._last_sequence = -1
+        self._sequence_offset = 0
+        self._learnt_steps = 0
+        self._learnt_ns = 0.0
+        self._new_interval()
+
+    def _new_interval(self) -> None:
+        self._in_interval = 0
+        self._steps = 0
+        self._sum_ns = self._sum_squares_ns2 = 0.0
+
+    def accept(self, t_ns: int, sequence: int, *, reopened: bool, dropped: int) -> tuple[int, int]:
+        """Take the next sample into account.
+
+        A source that was opened again counts from 0 again; the recording counts on, so that a
+        sequence number names one sample.
+
+        Args:
+            t_ns: its time.
+            sequence: its number at the source.
+            reopened: the source was lost and found before this sample.
+            dropped: samples of this source that the recorder threw away just before it.
+
+        Returns:
+            Its number in the recording, and how many of `dropped` were of this stream.
+        """
+        dropped_here = self._count_missed(sequence, reopened=reopened, dropped=dropped)
+        self._last_sequence = sequence + self._sequence_offset
+        self._samples += 1
+        self._in_interval += 1
+        if self._last_ns is not None:
+            self._count_step(t_ns - self._last_ns, reopened=reopened)
+        self._last_ns = t_ns
+        return self._last_sequence, dropped_here
+
+    def _count_missed(self, sequence: int, *, reopened: bool, dropped: int) -> int:
+        lost = sequence + self._sequence_offset - self._last_sequence - 1
+        if lost < 0:
+            self._sequence_offset = self._last_sequence + 1 - sequence
+            return 0
+        if reopened or not self._samples:
+            return 0  # nobody knows what the source would have sent
+        dropped_here = min(lost, dropped)
+        self._missed += lost - dropped_here
+        return dropped_here
+
+    def _count_step(self, step_ns: int, *, reopened: bool) -> None:
+        if step_ns < 0:
+            self._backwards += 1
+            return
+        if reopened or (self._period_ns and step_ns > MAX_GAP_PERIODS * self._period_ns):
+            self._gaps += 1
+            self._gap_ns += step_ns
+            self._longest_gap_ns = max(self._longest_gap_ns, step_ns)
+            return
+        self._steps += 1
+        self._sum_ns += step_ns
+        self._sum_squares_ns2 += float(step_ns) * step_ns
+        if self._nominal_rate_hz is None:
+            self._learn_period(step_ns)
+
+    def _learn_period(self, step_ns: int) -> None:
+        """Estimate the period of a source that does not tell it: the mean, then a slow filter."""
+        self._learnt_steps += 1
+        weight = max(1.0 / self._learnt_steps, _PERIOD_WEIGHT)
+        self._learnt_ns += weight * (step_ns - self._learnt_ns)
+        if self._learnt_steps >= _TRUSTED_AFTER:
+            self._period_ns = self._learnt_ns
+
+    def end_interval(self, duration_s: float) -> StreamStatistics:
+        """Return the figures, those of the interval included, and begin the next interval."""
+        statistics = StreamStatistics(
+            samples=self._samples,
+            missed=self._missed,
+            gaps=self._gaps,
+            gap_s=self._gap_ns * 1e-9,
+            longest_gap_s=self._longest_gap_ns * 1e-9,
+            backwards=self._backwards,
+            rate_hz=self._in_interval / duration_s if self._in_interval else None,
+            nominal_rate_hz=self._nominal_rate_hz,
+            jitter_s=self._jitter_s(),
+        )
+        self._new_interval()
+        return statistics
+
+    def _jitter_s(self) -> float | None:
+        if self._steps < 2:
+            return None
+        mean_ns = self._sum_ns / self._steps
+        return math.sqrt(max(0.0, self._sum_squares_ns2 / self._steps - mean_ns**2)) * 1e-9

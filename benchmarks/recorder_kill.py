@@ -1,0 +1,98 @@
+"""Kill the recorder at random moments; every file must be readable, and little may be lost.
+
+    python -m benchmarks.recorder_kill --kills 100 --json kills.json
+
+What is lost is counted from the last stamp that any source had taken when the kill came to the
+last log time that is read back. The bar is 100 ms.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from acquisition.byte_source import FinishedFile
+from acquisition.container import Container
+from benchmarks.recorder_victim import SLOT, SOURCES
+
+BAR_MS = 100.0
+_ROOT = Path(__file__).resolve().parents[1]
+
+
+def main() -> None:
+    """Kill, read, print, and write the figures to a file where asked."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--kills", type=int, default=100, help="default 100")
+    parser.add_argument("--seed", type=int, default=1, help="of the moments")
+    parser.add_argument("--json", type=Path, help="file for the figures")
+    arguments = parser.parse_args()
+    moments = random.Random(arguments.seed)
+    with tempfile.TemporaryDirectory() as folder:
+        lost_ms = [
+            kill_once(Path(folder), number, moments.uniform(0.3, 1.5))
+            for number in range(arguments.kills)
+        ]
+    lost_ms.sort()
+    figures = {
+        "kills": len(lost_ms),
+        "lost_ms_median": round(lost_ms[len(lost_ms) // 2], 1),
+        "lost_ms_max": round(lost_ms[-1], 1),
+        "bar_ms": BAR_MS,
+    }
+    print(json.dumps(figures, indent=2))
+    if arguments.json:
+        arguments.json.write_text(json.dumps(figures, indent=2))
+    sys.exit(lost_ms[-1] > BAR_MS)
+
+
+def kill_once(folder: Path, number: int, after_s: float) -> float:
+    """Kill a recorder so long after its first sample; return what is lost, ms.
+
+    Raises:
+        RuntimeError: the file has damage, or no message of some source can be read.
+    """
+    out, stamps = folder / f"{number}.mcap", folder / f"{number}.stamps"
+    stamps.write_bytes(bytes(SLOT.size * SOURCES))
+    command = [sys.executable, "-m", "benchmarks.recorder_victim", str(out), str(stamps)]
+    with subprocess.Popen(command, cwd=_ROOT) as victim:
+        while not all(last_stamps(stamps)) and victim.poll() is None:
+            time.sleep(0.005)
+        time.sleep(after_s)
+        victim.kill()
+    taken_ns = max(last_stamps(stamps))
+    kept_ns = last_log_time_ns(out)
+    out.unlink()
+    return (taken_ns - kept_ns) * 1e-6
+
+
+def last_stamps(stamps: Path) -> list[int]:
+    """Return the last log time that each source has stamped; 0 = none yet."""
+    return [value for (value,) in SLOT.iter_unpack(stamps.read_bytes())]
+
+
+def last_log_time_ns(path: Path) -> int:
+    """Return the latest log time that can be read back.
+
+    Raises:
+        RuntimeError: the file has damage, or fewer topics than there are sources.
+    """
+    topics = set()
+    last_ns = 0
+    with FinishedFile(path) as file:
+        container = Container(file)
+        for message in container:
+            topics.add(message.topic)
+            last_ns = max(last_ns, message.log_time_ns)
+    if container.damaged or len(topics) < SOURCES:
+        raise RuntimeError(f"{path}: {container.damaged}, topics {sorted(topics)}")
+    return last_ns
+
+
+if __name__ == "__main__":
+    main()

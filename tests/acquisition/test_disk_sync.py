@@ -1,0 +1,50 @@
+"""What a power cut may take: files are synchronised while they are written and when they end."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from threading import Event
+
+import pytest
+
+from acquisition.disk_sync import DiskSync
+
+
+def test_current_and_finished_files_are_synchronised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[Path] = []
+    twice = Event()
+
+    def note(path: Path, flags: int) -> None:
+        if not flags & os.O_DIRECTORY:
+            done.append(path)
+        if len(done) >= 4:
+            twice.set()
+
+    monkeypatch.setattr("acquisition.disk_sync.synchronise", note)
+    sync = DiskSync(0.001)
+    first, second = tmp_path / "a", tmp_path / "b"
+    sync.follow(first)
+    sync.follow(second)
+    assert twice.wait(10.0)
+    sync.close()
+    assert done.count(first) >= 1
+    assert done.count(second) >= 2
+
+
+def test_a_disk_that_refuses_is_told_and_does_not_end_the_thread(tmp_path: Path) -> None:
+    sync = DiskSync(60.0)
+    sync.follow(tmp_path / "gone")
+    sync.close()
+    assert "cannot synchronise" in sync.error
+    assert "gone: No such file" in sync.error
+
+
+def test_a_file_that_was_removed_is_no_problem(tmp_path: Path) -> None:
+    sync = DiskSync(60.0)
+    sync.follow(tmp_path / "gone")
+    sync.forget()
+    sync.close()
+    assert sync.error == ""

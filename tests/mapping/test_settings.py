@@ -1,0 +1,58 @@
+"""Settings that no map can be made with are refused when they are made."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from typing import Any
+
+import pytest
+
+from mapping.errors import MappingError
+from mapping.settings import MapSettings
+
+MAY_BE_ZERO = {
+    "common_correlation_time_s",
+    "relief_share",
+    "relief_frames",
+    "mount_sigma_m",
+    "mount_sigma_rad",
+}
+NUMBERS = [item.name for item in fields(MapSettings) if item.name != "grid"]
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize("value", [-1, math.nan, math.inf])
+def test_every_number_must_be_finite_and_not_negative(name: str, value: float) -> None:
+    changes: dict[str, Any] = {name: value}
+    with pytest.raises(MappingError, match=f"^{name} is {value}; expected"):
+        MapSettings(**changes)
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_zero_is_allowed_where_it_means_something(name: str) -> None:
+    changes: dict[str, Any] = {name: 0}
+    if name in MAY_BE_ZERO:
+        assert getattr(MapSettings(**changes), name) == 0
+    else:
+        with pytest.raises(MappingError, match=f"^{name} is 0; expected a number above 0"):
+            MapSettings(**changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"range_min_m": 4.0}, "range_min_m is 4.0 and range_max_m is 4.0; expected range_min_m"),
+        ({"sigma_floor_m": 2.0}, "expected sigma_floor_m below sigma_ceiling_m"),
+        ({"resolution_m": 6.0}, "expected resolution_m below window_m"),
+        ({"grid": "round"}, "grid is 'round'; expected growing or scrolling"),
+        ({"confirmations": 256}, "confirmations is 256; expected at most 255"),
+    ],
+)
+def test_what_contradicts_itself_is_refused(changes: dict[str, Any], reason: str) -> None:
+    with pytest.raises(MappingError, match=reason):
+        MapSettings(**changes)
+
+
+def test_the_defaults_work() -> None:
+    assert MapSettings().grid == "growing"
