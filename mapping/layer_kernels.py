@@ -18,10 +18,10 @@ Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Sums over a part of a row: cells, x, z, x^2, x z, z^2, variance.
-_N, _X, _Z, _XX, _XZ, _ZZ, _V, _ROW_SUMS = range(8)
+# Sums over a part of a row: cells, x, z, x^2, x z, z^2, noise, variance.
+_N, _X, _Z, _XX, _XZ, _ZZ, _S, _V, _ROW_SUMS = range(9)
 # Sums over a disc: those of its rows; then y, x y, y z, which are y times the first three; y^2.
-_Y, _XY, _YZ, _YY, _DISC_SUMS = range(7, 12)
+_Y, _XY, _YZ, _YY, _DISC_SUMS = range(8, 13)
 # Newton's step from the left converges to the smallest root without passing it; halving of the
 # error, the worst case (a double root), reaches the limit of float64 in as many steps.
 _NEWTON_STEPS_MAX = 60
@@ -47,14 +47,15 @@ class PlaneLayers(NamedTuple):
 class Cells(NamedTuple):
     """The cells that planes are laid through; all arrays (rows, columns).
 
-    use: which cells count; the others may hold anything. noise_m2: variance of a height, as far
-    as it differs from cell to cell. middle_m: a height in the midst of the others. edge_m: of a
-    cell.
+    use: which cells count; the others may hold anything. noise_m2: variance of a height from
+    the sensor's noise. local_m2: all of its variance that differs from cell to cell. middle_m: a
+    height in the midst of the others. edge_m: of a cell.
     """
 
     use: NDArray[np.bool_]
     height_m: Float32Array
     noise_m2: Float32Array
+    local_m2: Float32Array
     middle_m: float
     edge_m: float
 
@@ -75,7 +76,7 @@ def plane_layers(cells: Cells, half: IntArray, cells_min: int, out: PlaneLayers)
     period = 2 * reach + 1
     discs = np.zeros((period, _DISC_SUMS, columns))
     sums = np.empty((_ROW_SUMS, columns))
-    row = np.zeros((3, columns + 2 * reach))
+    row = np.zeros((4, columns + 2 * reach))
     for i in range(rows + reach):
         if i < rows:
             _load_row(cells, i, row[:, reach : reach + columns])
@@ -93,7 +94,7 @@ def plane_layers(cells: Cells, half: IntArray, cells_min: int, out: PlaneLayers)
 
 @njit(cache=True, error_model="numpy")
 def _load_row(cells: Cells, i: int, row: Float64Array) -> None:
-    """Write 1, height and variance in units of a cell's edge; 0, 0, 0 where no cell counts.
+    """Write 1, height and both variances in units of a cell's edge; zeros where no cell counts.
 
     Around the middle of the map and in such units, sums of squares are exact to 1e-15 of them.
     """
@@ -103,6 +104,7 @@ def _load_row(cells: Cells, i: int, row: Float64Array) -> None:
         row[0, j] = 1.0 if counts else 0.0
         row[1, j] = scale * (cells.height_m[i, j] - cells.middle_m) if counts else 0.0
         row[2, j] = scale * scale * cells.noise_m2[i, j] if counts else 0.0
+        row[3, j] = scale * scale * cells.local_m2[i, j] if counts else 0.0
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -113,11 +115,13 @@ def _widen(sums: Float64Array, row: Float64Array, width: int, reach: int) -> Non
     # Slices of whole rows: only of those does the compiler know that they are contiguous.
     n_right, n_left = row[0][right:end_right], row[0][left:end_left]
     z_right, z_left = row[1][right:end_right], row[1][left:end_left]
-    v_right, v_left = row[2][right:end_right], row[2][left:end_left]
+    s_right, s_left = row[2][right:end_right], row[2][left:end_left]
+    v_right, v_left = row[3][right:end_right], row[3][left:end_left]
     once = 1.0 if width else 0.5  # the centre is its own mirror image
     _add_pair(sums[_N], n_right, n_left, once)
     _add_pair(sums[_Z], z_right, z_left, once)
     _add_squares(sums[_ZZ], z_right, z_left, once)
+    _add_pair(sums[_S], s_right, s_left, once)
     _add_pair(sums[_V], v_right, v_left, once)
     if width:
         _add_difference(sums[_X], n_right, n_left, width)
@@ -185,10 +189,9 @@ def _solve_row(disc: Float64Array, cells: Cells, cells_min: int, i: int, out: Pl
             out.normal_x[i, j] = x / length
             out.normal_y[i, j] = y / length
         out.normal_z[i, j] = cosine
-        noise = disc[_V, j] / n
-        out.slope_sigma_rad[i, j] = np.sqrt(noise / across) * cosine * cosine
+        out.slope_sigma_rad[i, j] = np.sqrt(disc[_V, j] / n / across) * cosine * cosine
         out.roughness_m[i, j] = edge_m * np.sqrt(spread / (n - 1.0))
-        noise_m = edge_m * np.sqrt(noise * (n - 3.0) / (n - 1.0))
+        noise_m = edge_m * np.sqrt(disc[_S, j] / n * (n - 3.0) / (n - 1.0))
         out.roughness_noise_m[i, j] = cosine * noise_m
 
 

@@ -3,16 +3,17 @@
 They are computed from confirmed cells only and hold for confirmed cells only. A plane that is
 best in the sense of orthogonal distances is laid through the cells of a disc around each cell:
 
-- slope: angle between the plane's normal and the vertical; `slope_sigma_rad`: what the noise of
-  the heights adds to it, sqrt(mean variance / smallest horizontal spread) cos^2(slope).
+- slope: angle between the plane's normal and the vertical; `slope_sigma_rad`: what errors that
+  differ from cell to cell (independent and relief) make of it,
+  sqrt(mean variance / smallest horizontal spread) cos^2(slope).
 - roughness: sqrt(sum of squared distances from the plane / (n - 1)); `roughness_noise_m`: what
-  the noise alone would make of level ground, sqrt(mean variance (n - 3) / (n - 1)) cos(slope). A
-  roughness that is not clearly above it says nothing of the terrain.
+  the sensor's noise (independent) alone would make of level ground,
+  sqrt(mean variance (n - 3) / (n - 1)) cos(slope). Relief is the ground's own and no noise. A
+  roughness that is not clearly above `roughness_noise_m` says nothing of the terrain.
 - step: largest minus smallest height in a second disc; a slope makes one too.
 - traversability: see `LayerSettings`.
 
-"Noise" is the part of the variance that differs from cell to cell (independent and relief).
-Errors that neighbours share, such as a tilt of the whole map, are not in these two layers.
+Errors that neighbours share, such as a tilt of the whole map, are not in these layers.
 """
 
 from __future__ import annotations
@@ -95,9 +96,9 @@ class DerivedLayers:
         normal_x, normal_y, normal_z: unit normal, pointing up. Where the cells form a line
             upwards and no plane, such as a pole, z is 0 and x and y are NaN.
         slope_rad: angle between surface and horizontal, 0 to pi/2.
-        slope_sigma_rad: standard deviation of the slope from the noise of the cells.
+        slope_sigma_rad: standard deviation of the slope from errors of single cells.
         roughness_m: standard deviation of the distances from the plane.
-        roughness_noise_m: the part of it that the noise of the cells is expected to make.
+        roughness_noise_m: the part of it that the sensor's noise is expected to make.
         step_m: range of heights in the step disc.
         supported_step_m: the step that traversability judges; see `LayerSettings`.
         traversability: 0 = beyond a limit, 1 = level, smooth, no step.
@@ -160,7 +161,8 @@ def _planes(map_: ElevationMap, confirmed: BoolArray, settings: LayerSettings) -
     cells = Cells(
         use=confirmed,
         height_m=map_.elevation_m,
-        noise_m2=map_.independent_m2 + map_.relief_m2,
+        noise_m2=map_.independent_m2,
+        local_m2=map_.independent_m2 + map_.relief_m2,
         middle_m=float(map_.elevation_m[confirmed].mean(dtype=np.float64))
         if confirmed.any()
         else 0.0,

@@ -58,11 +58,13 @@ _LAYERS = {
 _NOT_READ = ("lower", "upper")
 _DERIVED_LAYERS = {
     "slope": _Layer("slope_rad", "rad", "angle between the surface and the horizontal"),
-    "slope_sigma": _Layer("slope_sigma_rad", "rad", "standard deviation of the slope from noise"),
+    "slope_sigma": _Layer("slope_sigma_rad", "rad", "standard deviation of the slope"),
     "normal_x": _Layer("normal_x", "1", "x of the upward unit normal, whose z is cos(slope)"),
     "normal_y": _Layer("normal_y", "1", "y of the upward unit normal, whose z is cos(slope)"),
     "roughness": _Layer("roughness_m", "m", "standard deviation of the distances from a plane"),
-    "roughness_noise": _Layer("roughness_noise_m", "m", "roughness that noise alone would show"),
+    "roughness_noise": _Layer(
+        "roughness_noise_m", "m", "roughness that sensor noise alone would show"
+    ),
     "step": _Layer("step_m", "m", "range of the heights around the cell"),
     "traversability": _Layer("traversability", "1", "0 = beyond a limit, 1 = level and smooth"),
 }

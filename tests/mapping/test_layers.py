@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mapping.elevation_map import CellState, ElevationMap
 from mapping.errors import MappingError
 from mapping.layers import Combination, DerivedLayers, LayerSettings, derive, disc, score
+from tests.mapping.layer_definitions import by_definition
 from tests.mapping.maps import hilly_map, make_map
 
 NAN = np.nan
@@ -81,64 +82,11 @@ def test_layers_agree_with_their_definitions_in_plain_numpy(
     map_ = _rough_map(seed)
     chosen = LayerSettings(support_share=0.4, combination=combination)
     layers = derive(map_, chosen)
-    expected = _by_definition(map_, chosen)
+    expected = by_definition(map_, chosen)
     for name, layer in expected.items():
         np.testing.assert_allclose(_arrays(layers)[name], layer, rtol=1e-3, atol=2e-6, err_msg=name)
     length2 = sum(np.square(getattr(layers, f"normal_{axis}")) for axis in "xyz")
     np.testing.assert_allclose(length2[np.isfinite(length2)], 1.0, rtol=1e-5)
-
-
-def _by_definition(map_: ElevationMap, chosen: LayerSettings) -> dict[str, NDArray[np.float64]]:
-    """Cell by cell, with an eigenvalue solver."""
-    rows, columns = map_.state.shape
-    names = ("slope_rad", "roughness_m", "slope_sigma_rad", "roughness_noise_m", "step_m")
-    out = {name: np.full((rows, columns), NAN) for name in (*names, "traversability")}
-    confirmed = np.isin(map_.state, (CellState.MEASURED, CellState.UNCERTAIN))
-    j, i = np.meshgrid(np.arange(columns), np.arange(rows))
-    noise_m2 = map_.independent_m2.astype(float) + map_.relief_m2
-
-    def around(row: int, column: int, radius_m: float) -> tuple[NDArray[np.bool_], int]:
-        near = np.hypot(i - row, j - column) * EDGE_M <= radius_m + 1e-9
-        # Cells of the disc, had the map no border.
-        reach = np.arange(-9, 10)
-        whole = np.hypot(*np.meshgrid(reach, reach)) * EDGE_M <= radius_m + 1e-9
-        return near & confirmed, int(np.ceil(chosen.support_share * whole.sum()))
-
-    for row, column in np.argwhere(confirmed):
-        use, least = around(row, column, chosen.step_radius_m)
-        if use.sum() >= max(least, 2):
-            out["step_m"][row, column] = np.ptp(map_.elevation_m[use].astype(float))
-        use, least = around(row, column, chosen.plane_radius_m)
-        n = use.sum()
-        if n < max(least, 4):
-            continue
-        points = np.stack([j[use] * EDGE_M, i[use] * EDGE_M, map_.elevation_m[use]]).astype(float)
-        points -= points.mean(axis=1, keepdims=True)
-        values, vectors = np.linalg.eigh(points @ points.T)
-        cosine = abs(vectors[2, 0])
-        noise = noise_m2[use].mean()
-        across = np.linalg.eigvalsh(points[:2] @ points[:2].T)[0]
-        out["slope_rad"][row, column] = np.arccos(min(cosine, 1.0))
-        out["roughness_m"][row, column] = np.sqrt(max(values[0], 0.0) / (n - 1))
-        out["slope_sigma_rad"][row, column] = np.sqrt(noise / across) * cosine**2
-        out["roughness_noise_m"][row, column] = cosine * np.sqrt(noise * (n - 3) / (n - 1))
-    steps = out["step_m"]
-    supported = np.full_like(steps, NAN)
-    for row, column in np.argwhere(np.isfinite(steps)):
-        near = steps[around(row, column, chosen.step_radius_m)[0]]
-        share = np.count_nonzero(near > chosen.critical_step_m) / chosen.step_cells
-        supported[row, column] = min(1.0, share) * np.nanmax(near)
-    scores = [
-        np.clip(1.0 - layer / critical, 0.0, None)
-        for layer, critical in (
-            (out["slope_rad"], chosen.critical_slope_rad),
-            (out["roughness_m"], chosen.critical_roughness_m),
-            (supported, chosen.critical_step_m),
-        )
-    ]
-    combine = np.mean if chosen.combination == "mean" else np.min
-    out["traversability"] = combine(scores, axis=0)
-    return out
 
 
 @settings(max_examples=20, deadline=None)
@@ -276,11 +224,17 @@ def test_the_noise_layers_say_what_noise_does() -> None:
     size = 400
     _, x = np.mgrid[0:size, 0:size] * EDGE_M
     noise = sigma_m * random.standard_normal((size, size))
-    # Half of `make_map`'s variance differs from cell to cell.
-    layers = derive(make_map(0.5 * x + noise, sigma_m * np.sqrt(2.0)))
+    map_ = make_map(0.5 * x + noise)
+    variance = np.full_like(map_.variance_m2, sigma_m**2)
+    layers = derive(replace(map_, independent_m2=variance, relief_m2=0 * variance))
     inner = (slice(5, -5), slice(5, -5))
     roughness = np.sqrt(np.mean(np.square(layers.roughness_m[inner], dtype=float)))
     assert roughness == pytest.approx(layers.roughness_noise_m[inner].mean(), rel=0.02)
+    doubled = derive(replace(map_, independent_m2=variance, relief_m2=variance))
+    np.testing.assert_array_equal(doubled.roughness_noise_m, layers.roughness_noise_m)
+    np.testing.assert_allclose(
+        doubled.slope_sigma_rad, np.sqrt(2.0) * layers.slope_sigma_rad, rtol=1e-6
+    )
     spread = np.std(layers.slope_rad[inner], dtype=float)
     assert spread == pytest.approx(layers.slope_sigma_rad[inner].mean(), rel=0.03)
 
