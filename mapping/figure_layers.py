@@ -22,7 +22,7 @@ def layers_figure(map_: ElevationMap) -> Figure:
     slope_deg = np.degrees(layers.slope_rad)
     rows, columns = map_.state.shape
     scale = _BREADTH_IN / max(rows, columns)
-    width, height = max(scale * columns, 2.0) + _COLOUR_BAR_IN, max(scale * rows, 2.0) + 0.8
+    width, height = max(scale * columns, 2.0) + _COLOUR_BAR_IN, max(scale * rows, 2.0) + 1.0
     wide = columns > _WIDE * rows
     figure = Figure(
         figsize=(width, 2.0 * height) if wide else (2.0 * width, height), layout="constrained"

@@ -88,15 +88,12 @@ def gap_cells(up_to_m: float, edge_m: float) -> NDArray[np.int64]:
 def _line_error_m2(source: Source, missing_max: NDArray[np.int64]) -> Float64Array:
     """Return the mean squared error of a straight line; infinite where it is not known.
 
-    Indices: kind of line, cells to the rim before, to the one behind, class of bend.
+    Indices: kind of line, cells to the nearer rim, cells to the farther one, class of bend.
     """
     longest = int(missing_max.max()) + 1
     shape = (missing_max.size, longest, longest, _BEND_LIMITS.size + 1)
     squares_m2, counts = np.zeros(shape), np.zeros(shape, np.int64)
     measure_errors(source, missing_max, _BEND_LIMITS, squares_m2, counts)
-    # A line may be walked from either end.
-    squares_m2 += squares_m2.swapaxes(1, 2)
-    counts += counts.swapaxes(1, 2)
     enough = counts >= _EXAMPLES_MIN
     error_m2 = np.full(shape, np.inf)
     np.divide(squares_m2, counts, out=error_m2, where=enough)

@@ -1,10 +1,10 @@
 """The per-cell loops of `mapping.fill` (numba, cached, no fast-math, fixed order of sums).
 
 A gap is looked at along four lines through a cell: a row, a column and both diagonals. On each,
-the nearest cells with data before and behind it are at `before` and `behind` cells; the height
-between them is taken on the straight line. Tables are indexed [kind, before, behind, class]: kind
-0 are rows and columns, 1 diagonals; classes are by the bend between the line and the ground that
-leads to it, at the rim where that is larger.
+the nearest cells with data before and behind it are found; the height between them is taken on
+the straight line. Tables are indexed [kind, nearer, farther, class]: kind 0 are rows and columns, 1
+diagonals; the next two are how many cells away the rims are; classes are by the bend between the
+line and the ground that leads to it, at the rim where that is larger.
 """
 
 from __future__ import annotations
@@ -81,8 +81,8 @@ def measure_errors(
                         error = float(z[y, x]) + share * rise - float(z[i, j])
                         run = (a + b) * step_m
                         c = _bend_class(source, y, x, v, u, dy, dx, rise / run, step_m, limits)
-                        squares_m2[kind, a, b, c] += error * error
-                        counts[kind, a, b, c] += 1
+                        squares_m2[kind, min(a, b), max(a, b), c] += error * error
+                        counts[kind, min(a, b), max(a, b), c] += 1
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -158,7 +158,7 @@ def _line(
     share = a / (a + b)
     slope = rise / ((a + b) * step_m)
     bend = _bend_class(source, y, x, v, u, dy, dx, slope, step_m, limits)
-    shape_m2 = error_m2[kind, a, b, bend]
+    shape_m2 = error_m2[kind, min(a, b), max(a, b), bend]
     if not np.isfinite(shape_m2):
         return False
     line[0] = float(source.height_m[y, x]) + share * rise
