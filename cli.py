@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 if TYPE_CHECKING:
-    from acquisition.console import Board
+    from acquisition.commands.console import Board
 
 _UNUSABLE = 2
 _INTERRUPTED = 130
@@ -36,15 +36,15 @@ class _Command(NamedTuple):
 _COMMANDS = {
     "demo": _Command("simulate a drive, record it, map it live, compare with the truth", "cli"),
     "simulate": _Command("record a simulated drive, and write its truth beside it", "cli"),
-    "devices": _Command("say what is plugged in and usable", "acquisition.device_commands"),
-    "config": _Command("make, check or show a rover.toml", "acquisition.record_commands"),
-    "record": _Command("record all devices of a rover.toml", "acquisition.record_commands"),
-    "import": _Command("turn a folder of depth images into a recording", "acquisition.commands"),
+    "devices": _Command("say what is plugged in and usable", "acquisition.commands.devices"),
+    "config": _Command("make, check or show a rover.toml", "acquisition.commands.record"),
+    "record": _Command("record all devices of a rover.toml", "acquisition.commands.record"),
+    "import": _Command("turn depth images into a recording", "acquisition.commands.recordings"),
     "info": _Command("say what a recording or a map holds", "mapping.commands"),
-    "check": _Command("look for damage and gaps in a recording", "acquisition.commands"),
-    "recover": _Command("save what is intact of a recording", "acquisition.record_commands"),
-    "cut": _Command("copy a part of a recording", "acquisition.record_commands"),
-    "merge": _Command("copy several recordings into one", "acquisition.record_commands"),
+    "check": _Command("look for damage and gaps in a recording", "acquisition.commands.recordings"),
+    "recover": _Command("save what is intact of a recording", "acquisition.commands.record"),
+    "cut": _Command("copy a part of a recording", "acquisition.commands.record"),
+    "merge": _Command("copy several recordings into one", "acquisition.commands.record"),
     "map": _Command("turn a recording into an elevation map", "mapping.commands"),
     "export": _Command("convert a map to GeoTIFF, PLY or PNG, draw figures", "mapping.commands"),
     "evaluate": _Command("compare a map with the truth or a flat floor", "mapping.commands"),
@@ -210,11 +210,11 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_demo(options: argparse.Namespace, console: Terminal) -> int:
     """Simulate, record, map live, judge and report."""
-    from acquisition.console import show
+    from acquisition.commands.console import show
     from mapping.commands import frame_counter, prepare_kernels
     from mapping.demo import Demo, run
-    from mapping.truth import Truth
-    from simulation.ideal_camera import IDEAL_CAMERA_NOISE
+    from mapping.judging.truth import Truth
+    from simulation.devices.ideal_camera import IDEAL_CAMERA_NOISE
     from simulation.ideal_drive import IdealDrive
 
     prepare_kernels(console)
@@ -247,13 +247,13 @@ def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
 def run_simulate(options: argparse.Namespace, console: Terminal) -> int:
     """Drive, record and tell the truth; both files appear, or none."""
     from acquisition.files import replacing
-    from acquisition.frames import StaticTransform
     from acquisition.importing import record_all
+    from acquisition.messages.frames import StaticTransform
+    from simulation.devices.kinect_noise import kinect_noise_file
+    from simulation.devices.sensor_mounts import sensor_mounts
     from simulation.errors import SimulationError
-    from simulation.kinect_noise import kinect_noise_file
     from simulation.scenario_source import ScenarioSource
     from simulation.scenarios import make_scenario
-    from simulation.sensor_mounts import sensor_mounts
     from simulation.truth_file import motion_signals, write_truth_file
 
     output, truth, seconds = options.output, options.truth, options.seconds

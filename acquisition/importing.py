@@ -8,8 +8,8 @@ from pathlib import Path
 
 from acquisition.errors import StreamError
 from acquisition.files import replacing
-from acquisition.frames import StaticTransform
-from acquisition.stream_writer import StreamWriter
+from acquisition.messages.frames import StaticTransform
+from acquisition.stream.writer import StreamWriter
 from drivers.errors import EndOfSource
 from drivers.samples import Sample
 from drivers.source import Source, SourceInfo

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.read_report import Damage
-from acquisition.survey import Survey, TopicLog, survey
+from acquisition.editing.survey import Survey, TopicLog, survey
+from acquisition.stream.read_report import Damage
 
 MAX_GAP_PERIODS = 5.0
 

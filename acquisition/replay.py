@@ -14,11 +14,11 @@ from typing import get_args
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
-from acquisition import messages
-from acquisition.byte_source import FinishedFile
 from acquisition.errors import StreamError
-from acquisition.read_report import ReadReport
-from acquisition.stream_reader import StreamReader
+from acquisition.messages import codec
+from acquisition.stream.byte_source import FinishedFile
+from acquisition.stream.read_report import ReadReport
+from acquisition.stream.reader import StreamReader
 from drivers.errors import DriverError, EndOfSource
 from drivers.samples import Sample
 from drivers.source import SourceInfo
@@ -205,7 +205,7 @@ def _indexed_types(path: Path, name: str) -> tuple[type[Sample], ...]:
     counts = summary.statistics.channel_message_counts
     channels = [channel for number, channel in summary.channels.items() if counts.get(number)]
     rows = [
-        messages.find(channel.topic, summary.schemas[channel.schema_id].name)
+        codec.find(channel.topic, summary.schemas[channel.schema_id].name)
         for channel in channels
         if channel.schema_id in summary.schemas
     ]

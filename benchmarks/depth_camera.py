@@ -24,11 +24,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drivers.samples import CameraIntrinsics
-from simulation.camera_mount import on_rover
-from simulation.depth_camera import DepthCamera
-from simulation.height_grid import HeightGrid
-from simulation.kinect import KinectModel, kinect_320, kinect_640
-from simulation.lunar_terrain import lunar_terrain
+from simulation.devices.camera_mount import on_rover
+from simulation.devices.depth_camera import DepthCamera
+from simulation.devices.kinect import KinectModel, kinect_320, kinect_640
+from simulation.terrain.height_grid import HeightGrid
+from simulation.terrain.lunar_terrain import lunar_terrain
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from acquisition.device_clock import DeviceClock, DeviceClockSettings
+from acquisition.clocks.device_clock import DeviceClock, DeviceClockSettings
 from tests.fakes.clocks import Int64Array, kinect
 
 SETTINGS = DeviceClockSettings(60e6, 32, min_delay_ns=8_000_000)

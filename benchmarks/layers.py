@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from mapping.elevation_map import CellState, ElevationMap
-from mapping.layers import LayerSettings, derive, disc
+from mapping.cells.elevation_map import CellState, ElevationMap
+from mapping.ground.layers import LayerSettings, derive, disc
 
 Float64Array = NDArray[np.float64]
 _CELLS = 300

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from acquisition import messages
-from acquisition.messages import MessageType
-from acquisition.motion_messages import decode_acceleration, encode_acceleration
+from acquisition.messages import codec
+from acquisition.messages.codec import MessageType
+from acquisition.messages.motion import decode_acceleration, encode_acceleration
 from drivers.samples import (
     AccelerationSample,
     CameraIntrinsics,
@@ -42,7 +42,7 @@ STAND_INS: dict[str, type[Sample]] = {"/gyro": GyroStandIn, "/can": CanStandIn}
 
 def add_stand_ins() -> None:
     """Let the stream write the stand-ins."""
-    messages.MESSAGE_TYPES += tuple(
+    codec.MESSAGE_TYPES += tuple(
         MessageType(topic, "sensor_msgs/msg/Imu", kind, encode_acceleration, decode_acceleration)
         for topic, kind in STAND_INS.items()
     )

@@ -26,16 +26,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from drivers.samples import CameraIntrinsics
+from mapping.cells.grid import make_grid
+from mapping.cells.update_constants import fusion_constants
+from mapping.cells.update_kernels import fuse
 from mapping.geometry import RigidTransform, UncertainPose
-from mapping.grid import make_grid
 from mapping.kernel_cache import compile_kernels
 from mapping.measurement import FrameReducer, View
 from mapping.noise import NGUYEN_2012
 from mapping.settings import MapSettings
-from mapping.update_constants import fusion_constants
-from mapping.update_kernels import fuse
-from simulation.ideal_camera import noisy_depth_mm, trace
-from simulation.terrain import crater_field
+from simulation.devices.ideal_camera import noisy_depth_mm, trace
+from simulation.terrain.analytic import crater_field
 
 Float64Array = NDArray[np.float64]
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

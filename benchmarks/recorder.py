@@ -21,15 +21,15 @@ from typing import BinaryIO
 import numpy as np
 from mcap.writer import Writer
 
-from acquisition import messages
-from acquisition.byte_source import FinishedFile
-from acquisition.container import Container, RecordedMessage
-from acquisition.disk_output import DiskOutput
-from acquisition.folder_store import DiskSettings
-from acquisition.recorder import Recorder
-from acquisition.recording_plan import RecordingPlan, RecordingResult
-from acquisition.source_worker import WorkerSettings
-from acquisition.split_writer import PartLimits
+from acquisition.messages import codec
+from acquisition.recording.disk_output import DiskOutput
+from acquisition.recording.folder_store import DiskSettings
+from acquisition.recording.plan import RecordingPlan, RecordingResult
+from acquisition.recording.recorder import Recorder
+from acquisition.recording.source_worker import WorkerSettings
+from acquisition.recovery.container import Container, RecordedMessage
+from acquisition.stream.byte_source import FinishedFile
+from acquisition.stream.split_writer import PartLimits
 from benchmarks.load import add_stand_ins, sources
 from tests.fakes.paced_source import PacedSource
 
@@ -164,8 +164,8 @@ def _write_bare(file: BinaryIO, recorded: list[RecordedMessage]) -> None:
     writer = Writer(_Counted(file))  # type: ignore[arg-type] # it uses write, tell and flush only
     writer.start("ros2")
     channels: dict[str, int] = {}
-    for row in messages.MESSAGE_TYPES:
-        text = messages.schema_text(row.ros_type).encode()
+    for row in codec.MESSAGE_TYPES:
+        text = codec.schema_text(row.ros_type).encode()
         schema = writer.register_schema(row.ros_type, "ros2msg", text)
         channels[row.topic] = writer.register_channel(row.topic, "cdr", schema)
     flushed_ns = recorded[0].log_time_ns
@@ -200,7 +200,7 @@ class _Counted:
 def _serialise(path: Path) -> float:
     """Return what rosbags takes to serialise the same messages, CPU seconds for each second."""
     recorded, recorded_s = _recorded(path)
-    store = messages.typestore()
+    store = codec.typestore()
     ready = [(store.deserialize_cdr(m.data, m.ros_type), m.ros_type) for m in recorded]
     began_s = time.process_time()
     for message, ros_type in ready:

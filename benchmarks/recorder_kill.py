@@ -17,8 +17,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from acquisition.byte_source import FinishedFile
-from acquisition.container import Container
+from acquisition.recovery.container import Container
+from acquisition.stream.byte_source import FinishedFile
 from benchmarks.recorder_victim import SLOT, SOURCES
 
 BAR_MS = 100.0

@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from threading import Event
 
-from acquisition.clock import HostClock
-from acquisition.disk_output import DiskOutput
-from acquisition.folder_store import DiskSettings
-from acquisition.recorder import Recorder
+from acquisition.clocks.host_clock import HostClock
+from acquisition.recording.disk_output import DiskOutput
+from acquisition.recording.folder_store import DiskSettings
+from acquisition.recording.recorder import Recorder
 from benchmarks.load import add_stand_ins, sources
 from drivers.samples import Sample
 from drivers.source import SourceInfo

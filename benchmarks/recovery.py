@@ -20,7 +20,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from acquisition.recovery import recover
+from acquisition.recovery.recover import recover
 from tests.fakes.damage import DAMAGES, Told, by_index, by_stream, unpacked
 from tests.fakes.recordings import recording, samples
 

@@ -26,12 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from simulation import jackal
-from simulation.drive_commands import Arc, DriveCommands, Line, SCurve, StopAndGo
-from simulation.height_grid import HeightGrid
 from simulation.motion import Motion
-from simulation.vehicle import Contact, Vehicle
-from simulation.vehicle_run import DriveOptions, simulate_vehicle
+from simulation.terrain.height_grid import HeightGrid
+from simulation.vehicle import jackal
+from simulation.vehicle.drive_commands import Arc, DriveCommands, Line, SCurve, StopAndGo
+from simulation.vehicle.vehicle import Contact, Vehicle
+from simulation.vehicle.vehicle_run import DriveOptions, simulate_vehicle
 
 Float64Array = NDArray[np.float64]
 _HALF_SIZE_M = 8.0

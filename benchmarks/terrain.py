@@ -2,7 +2,7 @@
 
     python benchmarks/terrain.py [--seed N] [--figure FILE.png] [--json FILE]
 
-Sources of the expected values: simulation/lunar_features.py, simulation/rough_ground.py. The
+Sources of the expected values: simulation/terrain/lunar_features.py and rough_ground.py. The
 exponents and RMS heights expected are those of the ground between craters and rocks, which add
 relief at all scales, most at theirs.
 """
@@ -22,16 +22,16 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from simulation.lunar_features import crater_count, rock_count
-from simulation.lunar_terrain import (
+from simulation.terrain.lunar_features import crater_count, rock_count
+from simulation.terrain.lunar_terrain import (
     DEFAULT_EXTENT,
     LARGEST_CRATER_M,
     PRESETS,
     LunarTerrain,
     lunar_terrain,
 )
-from simulation.rough_ground import COARSE_EXPONENT, FINE_EXPONENT, expected_rms_height_m
-from simulation.terrain_statistics import count_per_m2, terrain_statistics
+from simulation.terrain.rough_ground import COARSE_EXPONENT, FINE_EXPONENT, expected_rms_height_m
+from simulation.terrain.terrain_statistics import count_per_m2, terrain_statistics
 
 
 @dataclass(frozen=True, slots=True)

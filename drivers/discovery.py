@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
-from drivers.errors import DriverError
-from drivers.openni_library import (
+from drivers.depth.openni_library import (
     FREENECT_ADVICE,
     driver_folder,
     find_library,
     has_freenect_driver,
     usual_folders,
 )
+from drivers.errors import DriverError
 
 Kind = Literal["serial", "i2c", "can", "kinect"]
 

@@ -94,13 +94,13 @@ class OpenSource:
 # Device kind -> "module:Class". Imported on use, so that a missing optional library only
 # matters to those who use that device.
 SOURCES: Mapping[str, str] = {
-    "tum": "drivers.depth_files:TumFolder",
-    "png": "drivers.depth_files:MillimetrePngFolder",
-    "openni": "drivers.depth_openni:OpenNiDepth",
-    "gyro": "drivers.gyro:YawGyro",
-    "wheels": "drivers.wheels:Wheels",
-    "mocap": "drivers.mocap:MotionCapture",
-    "vibration": "drivers.vibration:VibrationSensor",
+    "tum": "drivers.depth.files:TumFolder",
+    "png": "drivers.depth.files:MillimetrePngFolder",
+    "openni": "drivers.depth.openni_depth:OpenNiDepth",
+    "gyro": "drivers.gyro.yaw_gyro:YawGyro",
+    "wheels": "drivers.wheels.can_wheels:Wheels",
+    "mocap": "drivers.mocap.motion_capture:MotionCapture",
+    "vibration": "drivers.vibration.sensor:VibrationSensor",
 }
 
 

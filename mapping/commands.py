@@ -14,14 +14,14 @@ from math import inf, radians
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from acquisition.console import CHECK_FAILED, OK, Console, show
+from acquisition.commands.console import CHECK_FAILED, OK, Console, show
 
 if TYPE_CHECKING:
-    from acquisition.byte_source import ByteSource
-    from acquisition.stream_reader import StreamMessage
-    from mapping.elevation_map import ElevationMap
-    from mapping.evaluation import Scores
-    from mapping.floor_evaluation import FloorScores
+    from acquisition.stream.byte_source import ByteSource
+    from acquisition.stream.reader import StreamMessage
+    from mapping.cells.elevation_map import ElevationMap
+    from mapping.judging.evaluation import Scores
+    from mapping.judging.floor_evaluation import FloorScores
     from mapping.session import MapOptions
 
 
@@ -34,8 +34,8 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
 def run_info(options: argparse.Namespace, console: Console) -> int:
     """Say what a recording or a map holds."""
     if options.file.suffix == ".nc":
-        from mapping.map_file import read_map
-        from mapping.map_summary import summarise
+        from mapping.output.map_file import read_map
+        from mapping.output.map_summary import summarise
 
         show(console, summarise(read_map(options.file)), as_json=options.json)
     else:
@@ -74,10 +74,10 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
 def run_map(options: argparse.Namespace, console: Console) -> int:
     """Turn a recording into an elevation map; 1 when parts of it were damaged."""
     from acquisition.files import check_target
-    from acquisition.stream_reader import StreamReader
-    from mapping.fill import fill_gaps, gap_cells
-    from mapping.map_file import write_map
-    from mapping.map_summary import summarise_run
+    from acquisition.stream.reader import StreamReader
+    from mapping.ground.fill import fill_gaps, gap_cells
+    from mapping.output.map_file import write_map
+    from mapping.output.map_summary import summarise_run
     from mapping.session import map_stream
 
     map_options = _map_options(options)
@@ -125,7 +125,7 @@ def _map_options(options: argparse.Namespace) -> MapOptions:
 @contextmanager
 def _byte_source(options: argparse.Namespace) -> Iterator[ByteSource]:
     """Open the recording."""
-    from acquisition.byte_source import FinishedFile, GrowingFile, standard_input
+    from acquisition.stream.byte_source import FinishedFile, GrowingFile, standard_input
 
     if options.recording == "-":
         yield standard_input()
@@ -181,7 +181,7 @@ def prepare_kernels(console: Console) -> None:
 
 
 def _draw(map_: ElevationMap, folder: Path, console: Console) -> None:
-    from mapping.figures import write_figures
+    from mapping.output.figures import write_figures
 
     with console.progress(f"drawing into {folder}"):
         write_figures(map_, folder)
@@ -208,8 +208,8 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
 def run_export(options: argparse.Namespace, console: Console) -> int:
     """Convert a map to what other programs read."""
     from mapping.errors import MappingError
-    from mapping.export import export
-    from mapping.map_file import read_map
+    from mapping.output.export import export
+    from mapping.output.map_file import read_map
 
     if options.output is None and options.figures is None:
         raise MappingError("nothing to do; give -o FILE (.tif, .ply, .png), --figures DIR, or both")
@@ -235,9 +235,9 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_evaluate(options: argparse.Namespace, console: Console) -> int:
     """Compare a map with the truth or with a flat floor."""
-    from mapping.floor_evaluation import evaluate_floor, read_box
-    from mapping.map_file import read_map
-    from mapping.truth import evaluate_truth, read_truth
+    from mapping.judging.floor_evaluation import evaluate_floor, read_box
+    from mapping.judging.truth import evaluate_truth, read_truth
+    from mapping.output.map_file import read_map
 
     map_ = read_map(options.map)
     scores: Scores | FloorScores

@@ -10,19 +10,19 @@ from pathlib import Path
 from typing import Protocol
 
 from acquisition.files import replacing
-from acquisition.frames import camera_is_tracked_body
-from acquisition.stream_reader import StreamMessage
+from acquisition.messages.frames import camera_is_tracked_body
+from acquisition.stream.reader import StreamMessage
 from drivers.source import Source
 from mapping.errors import MappingError
-from mapping.evaluation import Scores
-from mapping.figures import write_figures
+from mapping.judging.evaluation import Scores
+from mapping.judging.truth import Truth, evaluate_truth, write_truth
 from mapping.live import record_and_map
-from mapping.map_file import write_map
-from mapping.map_summary import RunSummary, summarise_run
-from mapping.report import write_report
+from mapping.output.figures import write_figures
+from mapping.output.map_file import write_map
+from mapping.output.map_summary import RunSummary, summarise_run
+from mapping.output.report import write_report
 from mapping.session import MapOptions, MapResult
 from mapping.settings import MapSettings
-from mapping.truth import Truth, evaluate_truth, write_truth
 
 
 class KnownTerrain(Protocol):

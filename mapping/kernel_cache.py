@@ -7,22 +7,18 @@ from pathlib import Path
 import numpy as np
 
 from drivers.samples import CameraIntrinsics
-from mapping import (
-    fill_kernels,
-    layer_kernels,
-    measurement_kernels,
-    relief_kernels,
-    update_kernels,
-)
-from mapping.elevation_map import read_out
-from mapping.fill import fill_gaps
+from mapping import measurement_kernels
+from mapping.cells import relief_kernels, update_kernels
+from mapping.cells.elevation_map import read_out
+from mapping.cells.grid import GrowingGrid
+from mapping.cells.update_constants import fusion_constants
 from mapping.geometry import RigidTransform, UncertainPose
-from mapping.grid import GrowingGrid
-from mapping.layers import derive
+from mapping.ground import fill_kernels, layer_kernels
+from mapping.ground.fill import fill_gaps
+from mapping.ground.layers import derive
 from mapping.measurement import FrameReducer, View
 from mapping.noise import NGUYEN_2012
 from mapping.settings import MapSettings
-from mapping.update_constants import fusion_constants
 
 _ENTRY_POINTS = (
     measurement_kernels.ranges_from_millimetres,

@@ -6,10 +6,10 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from acquisition.byte_source import GrowingFile
-from acquisition.frames import StaticTransform
-from acquisition.stream_reader import StreamMessage, StreamReader
-from acquisition.stream_writer import StreamWriter
+from acquisition.messages.frames import StaticTransform
+from acquisition.stream.byte_source import GrowingFile
+from acquisition.stream.reader import StreamMessage, StreamReader
+from acquisition.stream.writer import StreamWriter
 from drivers.errors import EndOfSource
 from drivers.source import Source
 from mapping.session import MapOptions, MapResult, map_stream

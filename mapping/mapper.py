@@ -7,20 +7,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from acquisition.frames import DEPTH_OPTICAL_FRAME, MOCAP_BODY_FRAME, StaticTransforms
-from acquisition.messages import Recordable
+from acquisition.messages.codec import Recordable
+from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, MOCAP_BODY_FRAME, StaticTransforms
 from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
-from mapping.elevation_map import ElevationMap, read_out
+from mapping.cells.elevation_map import ElevationMap, read_out
+from mapping.cells.grid import make_grid
+from mapping.cells.update_constants import fusion_constants
+from mapping.cells.update_kernels import fuse
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
-from mapping.grid import make_grid
 from mapping.measurement import FrameReducer, View
 from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
 from mapping.pose_track import PoseTrack
 from mapping.settings import MapSettings
-from mapping.update_constants import fusion_constants
-from mapping.update_kernels import fuse
 
 # A depth frame waits this long, in stream time, for a pose that surrounds it.
 _POSE_WAIT_NS = 2_000_000_000

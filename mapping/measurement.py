@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from drivers.samples import CameraIntrinsics
 from mapping import measurement_kernels as kernels
+from mapping.cells.grid import CellWindow
+from mapping.cells.update_constants import FrameConstants
 from mapping.errors import MappingError
 from mapping.geometry import RigidTransform, UncertainPose
-from mapping.grid import CellWindow
 from mapping.noise import DepthNoiseModel
 from mapping.settings import MapSettings
-from mapping.update_constants import FrameConstants
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from acquisition.frames import StaticTransform
+from acquisition.messages.frames import StaticTransform
 from mapping.errors import MappingError
 from mapping.geometry import RigidTransform
 

@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
-from acquisition.clock_sample import ClockSample
-from acquisition.provenance import METADATA_NAME
-from acquisition.read_report import ReadReport
-from acquisition.stream_reader import StreamMessage, StreamReader
+from acquisition.clocks.clock_sample import ClockSample
+from acquisition.stream.provenance import METADATA_NAME
+from acquisition.stream.read_report import ReadReport
+from acquisition.stream.reader import StreamMessage, StreamReader
 from mapping.calibration_file import parse_noise
-from mapping.elevation_map import ElevationMap
+from mapping.cells.elevation_map import ElevationMap
 from mapping.errors import MappingError
 from mapping.mapper import Mapper, MapperCounts
 from mapping.noise import KINECT_V1, DepthNoiseModel

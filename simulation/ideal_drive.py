@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from drivers.errors import DriverError
 from drivers.samples import DepthFrame
-from simulation.camera_mount import BODY_FROM_OPTICAL
+from simulation.devices.camera_mount import BODY_FROM_OPTICAL
+from simulation.devices.ideal_camera import noisy_depth_mm, trace
+from simulation.devices.kinect import kinect_320
 from simulation.drive_source import FRAME_PERIOD_NS, DriveSource
-from simulation.ideal_camera import noisy_depth_mm, trace
-from simulation.kinect import kinect_320
 from simulation.motion import START_NS
-from simulation.terrain import AnalyticTerrain, crater_field
+from simulation.terrain.analytic import AnalyticTerrain, crater_field
 from simulation.truth import SeenCells, Truth
 
 Float64Array = NDArray[np.float64]

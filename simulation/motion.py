@@ -19,7 +19,7 @@ START_NS = 1_767_225_600_000_000_000
 class Motion:
     """The truth of a drive; row k is k milliseconds after its start.
 
-    The body frame R is that of `simulation.jackal`; the world has z up.
+    The body frame R is that of `simulation.vehicle.jackal`; the world has z up.
 
     Attributes:
         start_ns: time of row 0.

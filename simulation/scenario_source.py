@@ -26,7 +26,7 @@ from simulation.errors import SimulationError
 from simulation.motion import STEP_NS, Motion
 from simulation.scenarios import Scenario
 from simulation.truth import SeenCells, Truth
-from simulation.vehicle_run import VehicleRun, simulate_vehicle
+from simulation.vehicle.vehicle_run import VehicleRun, simulate_vehicle
 
 # The map's own default, so that truth and map share their cells.
 TRUTH_CELL_M = 0.04

@@ -7,17 +7,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from simulation.camera_mount import CameraMount, on_rover
-from simulation.depth_camera import ZENITH, DepthCamera
-from simulation.drive_commands import DriveCommands, Waypoints
+from simulation.devices.camera_mount import CameraMount, on_rover
+from simulation.devices.depth_camera import ZENITH, DepthCamera
+from simulation.devices.kinect import KinectModel, kinect_320
 from simulation.errors import SimulationError
-from simulation.ground_layout import Extent
-from simulation.height_grid import HeightGrid
-from simulation.kinect import KinectModel, kinect_320
-from simulation.lunar_terrain import lunar_terrain
-from simulation.man_made import indoor_hall, outdoor_field
-from simulation.routes import Point, around_rocks, circle, there_and_back
-from simulation.vehicle_run import LONGEST_S, DriveOptions
+from simulation.terrain.ground_layout import Extent
+from simulation.terrain.height_grid import HeightGrid
+from simulation.terrain.lunar_terrain import lunar_terrain
+from simulation.terrain.man_made import indoor_hall, outdoor_field
+from simulation.vehicle.drive_commands import DriveCommands, Waypoints
+from simulation.vehicle.routes import Point, around_rocks, circle, there_and_back
+from simulation.vehicle.vehicle_run import LONGEST_S, DriveOptions
 
 Poses = Literal["true", "mocap"]
 

@@ -15,8 +15,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from simulation.errors import SimulationError
-from simulation.height_grid import HeightGrid
 from simulation.motion import STEP_NS, Motion
+from simulation.terrain.height_grid import HeightGrid
 from simulation.truth import Truth
 
 Float64Array = NDArray[np.float64]

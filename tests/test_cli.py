@@ -6,6 +6,7 @@ import ast
 import json
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,10 @@ import pytest
 from PIL import Image
 
 import cli
-from acquisition.console import CHECK_FAILED, OK
+from acquisition.commands.console import CHECK_FAILED, OK
 from acquisition.inspection import check
-from mapping.fill import fill_gaps
-from mapping.map_file import read_map
+from mapping.ground.fill import fill_gaps
+from mapping.output.map_file import read_map
 
 _ROOT = Path(__file__).resolve().parents[1]
 _UNUSABLE = 2
@@ -256,3 +257,12 @@ def test_rooms_never_import_the_command_line_nor_print() -> None:
                     assert node.module != "cli", path
                 if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
                     assert node.func.id != "print", path
+
+
+def test_every_package_is_installed() -> None:
+    listed = tomllib.loads((_ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    rooms = {name.split(".")[0] for name in listed}
+    found = [
+        p.parent.relative_to(_ROOT) for room in rooms for p in (_ROOT / room).rglob("__init__.py")
+    ]
+    assert sorted(listed) == sorted(".".join(folder.parts) for folder in found)

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from acquisition.byte_source import FinishedFile, GrowingFile, Pipe, standard_input
 from acquisition.errors import StreamError
-from acquisition.stream_reader import StreamReader
+from acquisition.stream.byte_source import FinishedFile, GrowingFile, Pipe, standard_input
+from acquisition.stream.reader import StreamReader
 from tests.fakes.recordings import fingerprint, reader_of, recording, samples
 
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition import clock as clock_module
-from acquisition.clock import ClockEvent, HostClock, SystemClocks, read_boot_id
-from acquisition.clock_sample import ClockSample
+from acquisition.clocks import host_clock as clock_module
+from acquisition.clocks.clock_sample import ClockSample
+from acquisition.clocks.host_clock import ClockEvent, HostClock, SystemClocks, read_boot_id
 from tests.fakes.clocks import FakeHost, S
 from tests.fakes.recordings import START_NS, clock_sample, pose, reader_of, recording
 

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition import messages
-from acquisition.clock_messages import CLOCK_TYPE
-from acquisition.clock_sample import ClockSample
+from acquisition.clocks.clock_sample import ClockSample
 from acquisition.errors import StreamError
-from acquisition.messages import MESSAGE_TYPES
+from acquisition.messages import codec
+from acquisition.messages.clock import CLOCK_TYPE
+from acquisition.messages.codec import MESSAGE_TYPES
 from tests.fakes.recordings import clock_sample
 
 ROW = next(row for row in MESSAGE_TYPES if row.topic == "/clock")
@@ -38,9 +38,9 @@ signed = st.integers(-(2**63), 2**63 - 1)
     )
 )
 def test_clock_samples_come_back_bit_for_bit(sample: ClockSample) -> None:
-    (message,) = messages.encode(sample)
+    (message,) = codec.encode(sample)
     assert message.topic == "/clock"
-    back = messages.decode(ROW, message.cdr, log_time_ns=0, sequence=sample.sequence)
+    back = codec.decode(ROW, message.cdr, log_time_ns=0, sequence=sample.sequence)
     assert back == sample
 
 
@@ -57,22 +57,22 @@ def test_clock_samples_come_back_bit_for_bit(sample: ClockSample) -> None:
 def test_what_does_not_fit_is_refused(changes: dict[str, float], reason: str) -> None:
     sample = replace(clock_sample(1), **changes)  # type: ignore[arg-type]  # any field
     with pytest.raises(StreamError, match=f"cannot write /clock at .*{reason}"):
-        messages.encode(sample)
+        codec.encode(sample)
 
 
 def test_a_skew_that_is_no_number_is_refused() -> None:
-    (message,) = messages.encode(clock_sample(1))
+    (message,) = codec.encode(clock_sample(1))
     one = replace(clock_sample(1), skew_ppm=0.0)
-    (zero,) = messages.encode(one)
+    (zero,) = codec.encode(one)
     start = next(i for i, (a, b) in enumerate(zip(message.cdr, zero.cdr, strict=True)) if a != b)
     start -= start % 4
     data = bytearray(zero.cdr)
     data[start : start + 8] = b"\xff" * 8
     with pytest.raises(StreamError, match="bad message on /clock"):
-        messages.decode(ROW, bytes(data), log_time_ns=0, sequence=0)
+        codec.decode(ROW, bytes(data), log_time_ns=0, sequence=0)
 
 
 def test_the_schema_is_complete() -> None:
-    text = messages.schema_text(CLOCK_TYPE)
+    text = codec.schema_text(CLOCK_TYPE)
     assert "uint64 device_ticks" in text
     assert "MSG: std_msgs/Header" in text

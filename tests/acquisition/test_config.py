@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import config_use
-from acquisition.config import LoadedConfig, default_text, load, parse
-from acquisition.config_model import MapSection, RecordingSection, RoverConfig
-from acquisition.disk_output import DiskOutput
+from acquisition.config import use as config_use
+from acquisition.config.model import MapSection, RecordingSection, RoverConfig
+from acquisition.config.rover_file import LoadedConfig, default_text, load, parse
 from acquisition.errors import ConfigError
+from acquisition.recording.disk_output import DiskOutput
+from acquisition.recording.ring_output import RingOutput
 from acquisition.replay import Replay
-from acquisition.ring_output import RingOutput
 from drivers.samples import DepthFrame
 from mapping.session import recorded_settings
 from mapping.settings import MapSettings

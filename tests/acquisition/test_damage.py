@@ -15,11 +15,11 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader as McapStreamReader
 
-from acquisition.byte_source import Pipe
-from acquisition.chunks import open_chunk
 from acquisition.errors import StreamError
-from acquisition.framing import HEAD, RawRecord, RecordFramer
-from acquisition.stream_reader import StreamReader
+from acquisition.stream.byte_source import Pipe
+from acquisition.stream.chunks import open_chunk
+from acquisition.stream.framing import HEAD, RawRecord, RecordFramer
+from acquisition.stream.reader import StreamReader
 from tests.fakes.recordings import fingerprint, reader_of, recording, samples
 
 SAMPLES = samples(0.4)

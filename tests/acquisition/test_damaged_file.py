@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.damaged_file import PAGE_BYTES, WINDOW_BYTES, DamagedFile
 from acquisition.errors import StreamError
-from acquisition.salvage import first_pass
+from acquisition.recovery.damaged_file import PAGE_BYTES, WINDOW_BYTES, DamagedFile
+from acquisition.recovery.salvage import first_pass
 from tests.fakes.damage import HEAD, content
 from tests.fakes.recordings import recording, samples
 

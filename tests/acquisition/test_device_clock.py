@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition.device_clock import DeviceClock, DeviceClockSettings, back_date, unwrapped
+from acquisition.clocks.device_clock import DeviceClock, DeviceClockSettings, back_date, unwrapped
 from acquisition.errors import StreamError
 from tests.fakes.clocks import DeviceMessages, Int64Array, kinect
 

@@ -14,12 +14,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from rosbags.highlevel import AnyReader
 
-from acquisition import messages, vibration_messages
-from acquisition.companions import Companion, Companions
 from acquisition.errors import StreamError
-from acquisition.frames import StaticTransforms
+from acquisition.messages import codec
+from acquisition.messages.companions import Companion, Companions
+from acquisition.messages.frames import StaticTransforms
+from acquisition.messages.ros_types import ros_class
+from acquisition.messages.vibration import QUANTITIES, STATISTICS
 from acquisition.replay import Replay
-from acquisition.ros_types import ros_class
 from drivers.errors import EndOfSource
 from drivers.samples import (
     CanFrameSample,
@@ -164,7 +165,7 @@ def test_a_companion_finds_its_sample_from_far_behind() -> None:
 
 
 def test_a_companion_may_come_after_its_sample() -> None:
-    content = [(m.topic, m.cdr, START_NS) for m in reversed(messages.encode(yaw_rate(0)))]
+    content = [(m.topic, m.cdr, START_NS) for m in reversed(codec.encode(yaw_rate(0)))]
     (found,) = reader_of(foreign(content))
     assert same(found.sample, yaw_rate(0))
 
@@ -179,28 +180,28 @@ def test_companions_without_a_sample_do_not_pile_up() -> None:
 
 def test_what_has_nothing_to_say_is_not_written() -> None:
     silent = replace(wheel_twist(0), left_m_s=None, right_m_s=None)
-    assert [m.topic for m in messages.encode(silent)] == ["/wheels"]
+    assert [m.topic for m in codec.encode(silent)] == ["/wheels"]
     no_clock = replace(with_ticks(0), device_ticks=None)
-    assert "/depth/ticks" not in [m.topic for m in messages.encode(no_clock)]
+    assert "/depth/ticks" not in [m.topic for m in codec.encode(no_clock)]
 
 
 def test_an_imu_of_another_program_is_a_rate_without_counts() -> None:
-    row = messages.find("/gyro", "sensor_msgs/msg/Imu")
+    row = codec.find("/gyro", "sensor_msgs/msg/Imu")
     assert row is not None
-    imu = next(m for m in messages.encode(yaw_rate(7)) if m.topic == "/gyro")
-    back = messages.decode(row, imu.cdr, log_time_ns=0, sequence=7)
+    imu = next(m for m in codec.encode(yaw_rate(7)) if m.topic == "/gyro")
+    back = codec.decode(row, imu.cdr, log_time_ns=0, sequence=7)
     assert back == replace(yaw_rate(7), raw_counts=None, temperature_c=None)
 
 
 def test_the_words_of_a_vibration_are_the_constants_of_its_definition() -> None:
     kind: Any = ros_class("terravibe_msgs/msg/TriaxialVibration")
     units = {"displacement": "M", "velocity": "M_S", "acceleration": "M_S2"}
-    for word, code in vibration_messages.QUANTITIES.items():
+    for word, code in QUANTITIES.items():
         assert getattr(kind, f"QUANTITY_{word.upper()}_{units[word]}") == code
-    for statistic, code in vibration_messages.STATISTICS.items():
+    for statistic, code in STATISTICS.items():
         assert getattr(kind, f"STATISTIC_{statistic.upper().replace('-', '_')}") == code
-    assert set(vibration_messages.QUANTITIES) == set(get_args(VibrationQuantity))
-    assert set(vibration_messages.STATISTICS) == set(get_args(VibrationStatistic))
+    assert set(QUANTITIES) == set(get_args(VibrationQuantity))
+    assert set(STATISTICS) == set(get_args(VibrationStatistic))
 
 
 @pytest.mark.parametrize(
@@ -231,7 +232,7 @@ def test_the_words_of_a_vibration_are_the_constants_of_its_definition() -> None:
 )
 def test_a_sample_that_makes_no_sense_is_not_written(sample: Sample, reason: str) -> None:
     with pytest.raises(StreamError, match=reason):
-        messages.encode(sample)
+        codec.encode(sample)
 
 
 @pytest.fixture
@@ -248,7 +249,7 @@ def decoded_by_rosbags(tmp_path: Path) -> dict[str, Any]:
 
 def test_rosbags_decodes_every_topic(decoded_by_rosbags: dict[str, Any]) -> None:
     found = decoded_by_rosbags
-    rows = messages.types_of([StaticTransforms, *get_args(Sample)])
+    rows = codec.types_of([StaticTransforms, *get_args(Sample)])
     assert set(found) == {row.topic for row in rows}
     shaken = found["/vibration"]
     assert (shaken.header.frame_id, shaken.host_receive_ns) == ("vibration_sensor", START_NS)

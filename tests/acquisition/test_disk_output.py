@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import Reader
 
-from acquisition.byte_source import FinishedFile
-from acquisition.diagnostics import Diagnostics
-from acquisition.disk_output import DiskOutput
 from acquisition.errors import OutputEndedError, StreamError
-from acquisition.folder_store import DiskSettings
-from acquisition.frames import StaticTransforms
-from acquisition.intake import Stamped
-from acquisition.parts import part_path, parts_of, read_parts
-from acquisition.split_writer import NO_LIMITS, STATISTICS_NAME, Head, PartLimits
-from acquisition.stream_reader import StreamReader
+from acquisition.health.diagnostics import Diagnostics
+from acquisition.messages.frames import StaticTransforms
+from acquisition.recording.disk_output import DiskOutput
+from acquisition.recording.folder_store import DiskSettings
+from acquisition.recording.intake import Stamped
+from acquisition.stream.byte_source import FinishedFile
+from acquisition.stream.parts import part_path, parts_of, read_parts
+from acquisition.stream.reader import StreamReader
+from acquisition.stream.split_writer import NO_LIMITS, STATISTICS_NAME, Head, PartLimits
 from drivers.samples import DepthFrame, Sample
 from tests.acquisition.test_stream_writer import files_may_grow_to
 from tests.fakes.recordings import MOUNT, SETTINGS, SOURCE, acceleration, pose, same, samples

@@ -8,7 +8,7 @@ from threading import Event
 
 import pytest
 
-from acquisition.disk_sync import DiskSync
+from acquisition.recording.disk_sync import DiskSync
 
 
 def test_current_and_finished_files_are_synchronised(
@@ -23,7 +23,7 @@ def test_current_and_finished_files_are_synchronised(
         if len(done) >= 4:
             twice.set()
 
-    monkeypatch.setattr("acquisition.disk_sync.synchronise", note)
+    monkeypatch.setattr("acquisition.recording.disk_sync.synchronise", note)
     sync = DiskSync(0.001)
     first, second = tmp_path / "a", tmp_path / "b"
     sync.follow(first)

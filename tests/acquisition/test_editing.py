@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from acquisition.byte_source import FinishedFile
-from acquisition.editing import CUT_METADATA_NAME, MERGE_METADATA_NAME, cut, merge
+from acquisition.editing.cut_and_merge import CUT_METADATA_NAME, MERGE_METADATA_NAME, cut, merge
 from acquisition.errors import StreamError
-from acquisition.frames import StaticTransforms
 from acquisition.inspection import check
-from acquisition.stream_reader import StreamReader
+from acquisition.messages.frames import StaticTransforms
+from acquisition.stream.byte_source import FinishedFile
+from acquisition.stream.reader import StreamReader
 from tests.fakes.damage import Told, content, replaced, unpacked
 from tests.fakes.recordings import START_NS, clock_sample, pose, recording, samples
 

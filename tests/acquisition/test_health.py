@@ -9,9 +9,8 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from acquisition import messages
-from acquisition.diagnostics import Diagnostics, Level
-from acquisition.health import (
+from acquisition.health.diagnostics import Diagnostics, Level
+from acquisition.health.snapshot import (
     HealthSnapshot,
     SourceHealth,
     StreamHealth,
@@ -20,9 +19,10 @@ from acquisition.health import (
     statistics_record,
     status_of,
 )
-from acquisition.health_views import lines_of, table_of
-from acquisition.sample_queue import QueueState
-from acquisition.stream_track import StreamStatistics
+from acquisition.health.stream_track import StreamStatistics
+from acquisition.health.views import lines_of, table_of
+from acquisition.messages import codec
+from acquisition.recording.sample_queue import QueueState
 
 FIGURES = StreamStatistics(4000, 0, 0, 0.0, 0.0, 0, 399.8, 400.0, 0.00021)
 QUEUE = QueueState(3, 3072, 64_000_000, 9000, 0)
@@ -78,9 +78,9 @@ def test_diagnostics_carry_every_figure_and_can_be_recorded() -> None:
     assert gyro.values["queue_bytes"] == "3072"
     assert "clock_skew_ppm" not in gyro.values
     assert wheels.level is Level.ERROR
-    (encoded,) = messages.encode(said)
-    row = messages.rows_of(Diagnostics)[0]
-    assert messages.decode(row, encoded.cdr, log_time_ns=0, sequence=0) == said
+    (encoded,) = codec.encode(said)
+    row = codec.rows_of(Diagnostics)[0]
+    assert codec.decode(row, encoded.cdr, log_time_ns=0, sequence=0) == said
 
 
 def test_json_and_the_closing_record_are_json() -> None:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.byte_source import FinishedFile
 from acquisition.errors import StreamError
 from acquisition.importing import record_all
-from acquisition.stream_reader import StreamReader
+from acquisition.stream.byte_source import FinishedFile
+from acquisition.stream.reader import StreamReader
 from drivers.errors import DriverError, TerravibeError
 from tests.fakes.finite_source import FiniteSource
 from tests.fakes.recordings import (

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from acquisition import messages
 from acquisition.errors import StreamError
 from acquisition.inspection import check, inspect
+from acquisition.messages import codec
 from drivers.samples import Sample
 from tests.fakes.foreign import IMAGE, INFO, POSE, foreign, parts
 from tests.fakes.recordings import START_NS, depth_frame, pose, recording, samples
@@ -38,7 +38,7 @@ def test_a_summary_tells_rates_gaps_and_sizes(tmp_path: Path) -> None:
     assert (topic.messages, topic.first_ns, topic.last_ns) == (99, START_NS, START_NS + 10**9)
     assert topic.rate_hz == pytest.approx(100.0)
     assert topic.largest_gap_s == pytest.approx(0.03)
-    assert topic.size_bytes == 99 * len(messages.encode(pose(0))[0].cdr)
+    assert topic.size_bytes == 99 * len(codec.encode(pose(0))[0].cdr)
     assert summary.duration_s == pytest.approx(1.0)
     assert summary.size_bytes == (tmp_path / "r.mcap").stat().st_size
     assert any("/mocap/pose" in line and "100.00 Hz" in line for line in summary.describe())

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from acquisition import messages
-from acquisition.depth_messages import CameraInfo, DepthImage
-from acquisition.diagnostics import DeviceStatus, Diagnostics, Level
 from acquisition.errors import StreamError
-from acquisition.frames import StaticTransform, StaticTransforms
-from acquisition.messages import MESSAGE_TYPES, MessageType, typestore
+from acquisition.health.diagnostics import DeviceStatus, Diagnostics, Level
+from acquisition.messages import codec
+from acquisition.messages.codec import MESSAGE_TYPES, MessageType, typestore
+from acquisition.messages.depth import CameraInfo, DepthImage
+from acquisition.messages.frames import StaticTransform, StaticTransforms
 from drivers.samples import AccelerationSample, CameraIntrinsics, DepthFrame, PoseSample
 from tests.fakes.device_samples import can_frame, vibration, wheel_twist, with_ticks, yaw_rate
 from tests.fakes.recordings import MOUNT, acceleration, clock_sample, depth_frame, pose, same
@@ -30,7 +30,7 @@ DIAGNOSTICS = Diagnostics(
         DeviceStatus(Level.STALE, "wheels", "", "", {}),
     ),
 )
-EXAMPLES: dict[str, messages.Recordable] = {
+EXAMPLES: dict[str, codec.Recordable] = {
     "/tf_static": StaticTransforms(T_NS, (MOUNT, MOUNT)),
     "/depth/camera_info": depth_frame(5, T_NS),
     "/depth/image": depth_frame(5, T_NS),
@@ -63,12 +63,10 @@ def row_of(topic: str) -> MessageType:
     return next(row for row in MESSAGE_TYPES if row.topic == topic)
 
 
-def there_and_back(sample: messages.Recordable, sequence: int = 0) -> list[messages.Record]:
+def there_and_back(sample: codec.Recordable, sequence: int = 0) -> list[codec.Record]:
     return [
-        messages.decode(
-            row_of(message.topic), message.cdr, log_time_ns=sample.t_ns, sequence=sequence
-        )
-        for message in messages.encode(sample)
+        codec.decode(row_of(message.topic), message.cdr, log_time_ns=sample.t_ns, sequence=sequence)
+        for message in codec.encode(sample)
     ]
 
 
@@ -120,7 +118,7 @@ def test_transforms_come_back_bit_for_bit(t_ns: int, parts: list[Any]) -> None:
 
 
 def test_the_ros_quaternion_has_w_last() -> None:
-    (encoded,) = messages.encode(dataclasses.replace(pose(0), quat_wxyz=np.array([1.0, 0, 0, 0])))
+    (encoded,) = codec.encode(dataclasses.replace(pose(0), quat_wxyz=np.array([1.0, 0, 0, 0])))
     ros: Any = typestore().deserialize_cdr(
         encoded.cdr, "geometry_msgs/msg/PoseWithCovarianceStamped"
     )
@@ -129,7 +127,7 @@ def test_the_ros_quaternion_has_w_last() -> None:
 
 
 def test_an_accelerometer_claims_neither_orientation_nor_rotation() -> None:
-    (encoded,) = messages.encode(acceleration(0))
+    (encoded,) = codec.encode(acceleration(0))
     ros: Any = typestore().deserialize_cdr(encoded.cdr, "sensor_msgs/msg/Imu")
     assert ros.orientation_covariance[0] == ros.angular_velocity_covariance[0] == -1.0
     assert ros.linear_acceleration.z == 9.81
@@ -150,8 +148,8 @@ def changed(topic: str, change: Any) -> bytes:
     return bytes(typestore().serialize_cdr(ros, row.ros_type))
 
 
-def decoded(topic: str, data: bytes) -> messages.Record:
-    return messages.decode(row_of(topic), data, log_time_ns=42, sequence=0)
+def decoded(topic: str, data: bytes) -> codec.Record:
+    return codec.decode(row_of(topic), data, log_time_ns=42, sequence=0)
 
 
 @pytest.mark.parametrize(
@@ -229,17 +227,15 @@ def test_a_covariance_that_is_not_finite_is_refused() -> None:
         ),
     ],
 )
-def test_a_sample_that_makes_no_sense_is_not_written(
-    sample: messages.Recordable, reason: str
-) -> None:
+def test_a_sample_that_makes_no_sense_is_not_written(sample: codec.Recordable, reason: str) -> None:
     with pytest.raises(StreamError, match=reason):
-        messages.encode(sample)
+        codec.encode(sample)
 
 
 @pytest.mark.parametrize("sequence", [-1, 2**32])
 def test_a_sequence_beyond_32_bits_is_refused(sequence: int) -> None:
     with pytest.raises(StreamError, match="sequence"):
-        messages.checked_sequence(pose(sequence))
+        codec.checked_sequence(pose(sequence))
 
 
 def test_diagnostics_come_back_as_they_were() -> None:
@@ -255,7 +251,7 @@ def test_a_status_of_an_unknown_level_is_refused() -> None:
 
 
 def example_cdr(row: MessageType) -> bytes:
-    encoded = messages.encode(EXAMPLES[row.topic])
+    encoded = codec.encode(EXAMPLES[row.topic])
     return next(message.cdr for message in encoded if message.topic == row.topic)
 
 
@@ -277,7 +273,7 @@ def nonsense(draw: st.DrawFn) -> tuple[MessageType, bytes]:
 def test_nothing_but_stream_error_escapes_the_decoder(case: tuple[MessageType, bytes]) -> None:
     row, data = case
     try:
-        messages.decode(row, data, log_time_ns=0, sequence=0)
+        codec.decode(row, data, log_time_ns=0, sequence=0)
     except StreamError as error:
         text = str(error)
         one_line = text.startswith("bad message on ") and "\n" not in text
@@ -289,13 +285,13 @@ def test_nothing_but_stream_error_escapes_the_decoder(case: tuple[MessageType, b
 @pytest.mark.parametrize("row", MESSAGE_TYPES, ids=lambda row: row.topic)
 def test_absurd_lengths_do_not_take_memory(row: MessageType) -> None:
     good = example_cdr(row)
-    messages.decode(row, good, log_time_ns=0, sequence=0)
+    codec.decode(row, good, log_time_ns=0, sequence=0)
     tracemalloc.start()
     try:
         for position in range(4, len(good) - 4, 4):
             bad = good[:position] + b"\xff\xff\xff\x7f" + good[position + 4 :]
             try:
-                messages.decode(row, bad, log_time_ns=0, sequence=0)
+                codec.decode(row, bad, log_time_ns=0, sequence=0)
             except StreamError:
                 continue
         peak_bytes = tracemalloc.get_traced_memory()[1]

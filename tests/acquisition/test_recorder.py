@@ -14,22 +14,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.byte_source import FinishedFile
-from acquisition.clock_sample import ClockSample
-from acquisition.diagnostics import Diagnostics
-from acquisition.disk_output import DiskOutput
+from acquisition.clocks.clock_sample import ClockSample
 from acquisition.errors import RecorderError, StreamError
-from acquisition.folder_store import DiskSettings
-from acquisition.health import HealthSnapshot
+from acquisition.health.diagnostics import Diagnostics
+from acquisition.health.snapshot import HealthSnapshot
 from acquisition.inspection import check
-from acquisition.parts import read_parts
-from acquisition.preflight import preflight, stop_all, try_all
-from acquisition.recorder import Recorder
-from acquisition.recording_plan import RecordingPlan, RecordingResult
-from acquisition.ring_output import RingOutput, RingSettings
-from acquisition.source_worker import SourceWorker, WorkerSettings
-from acquisition.split_writer import STATISTICS_NAME
-from acquisition.stream_reader import StreamMessage, StreamReader
+from acquisition.recording.disk_output import DiskOutput
+from acquisition.recording.folder_store import DiskSettings
+from acquisition.recording.plan import RecordingPlan, RecordingResult
+from acquisition.recording.preflight import preflight, stop_all, try_all
+from acquisition.recording.recorder import Recorder
+from acquisition.recording.ring_output import RingOutput, RingSettings
+from acquisition.recording.source_worker import SourceWorker, WorkerSettings
+from acquisition.stream.byte_source import FinishedFile
+from acquisition.stream.parts import read_parts
+from acquisition.stream.reader import StreamMessage, StreamReader
+from acquisition.stream.split_writer import STATISTICS_NAME
 from drivers.errors import DriverError
 from drivers.samples import AccelerationSample, DepthFrame, PoseSample, Sample
 from drivers.source import SourceInfo

@@ -21,8 +21,8 @@ from mcap.writer import CompressionType, Writer
 
 from acquisition.errors import StreamError
 from acquisition.inspection import check
-from acquisition.recovery import RECOVERY_METADATA_NAME, recover
-from acquisition.recovery_report import RecoveryReport
+from acquisition.recovery.recover import RECOVERY_METADATA_NAME, recover
+from acquisition.recovery.report import RecoveryReport
 from tests.fakes.damage import (
     DAMAGES,
     HEAD,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition.reorder import ReorderBuffer
+from acquisition.stream.reorder import ReorderBuffer
 
 
 @given(st.lists(st.integers(0, 1000)), st.integers(0, 300))

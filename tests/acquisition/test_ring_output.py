@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from acquisition.errors import StreamError
-from acquisition.parts import parts_of, read_parts
-from acquisition.ring_output import RingOutput, RingSettings
+from acquisition.recording.ring_output import RingOutput, RingSettings
+from acquisition.stream.parts import parts_of, read_parts
 from drivers.samples import Sample
 from tests.acquisition.test_disk_output import head, stamped
 from tests.fakes.recordings import samples

@@ -5,9 +5,9 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition.clock import HostClock
-from acquisition.intake import Intake
-from acquisition.sample_queue import SMALL_SAMPLE_BYTES, SampleQueue, size_in_memory
+from acquisition.clocks.host_clock import HostClock
+from acquisition.recording.intake import Intake
+from acquisition.recording.sample_queue import SMALL_SAMPLE_BYTES, SampleQueue, size_in_memory
 from drivers.samples import AccelerationSample
 from drivers.source import SourceInfo
 from tests.fakes.recordings import acceleration, depth_frame, pose

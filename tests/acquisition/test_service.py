@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.health import HealthSnapshot
-from acquisition.service import ServiceNotifier, unit_text
+from acquisition.health.snapshot import HealthSnapshot
+from acquisition.recording.service import ServiceNotifier, unit_text
 
 SNAPSHOT = HealthSnapshot(0, 12.0, 3_000_000, 10**9, 0.0, (), ())
 

@@ -7,8 +7,8 @@ import random
 
 import pytest
 
-from acquisition.frames import StaticTransforms
-from acquisition.stream_reader import StreamReader
+from acquisition.messages.frames import StaticTransforms
+from acquisition.stream.reader import StreamReader
 from drivers.samples import DepthFrame
 from tests.fakes.recordings import (
     MOUNT,

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition.stream_track import StreamStatistics, StreamTrack
+from acquisition.health.stream_track import StreamStatistics, StreamTrack
 
 MS = 1_000_000
 

@@ -14,12 +14,12 @@ import pytest
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader as McapStreamReader
 
-from acquisition import messages
-from acquisition.byte_source import FinishedFile
-from acquisition.diagnostics import DeviceStatus, Diagnostics, Level
 from acquisition.errors import StreamError
-from acquisition.stream_reader import StreamReader
-from acquisition.stream_writer import StreamWriter
+from acquisition.health.diagnostics import DeviceStatus, Diagnostics, Level
+from acquisition.messages import codec
+from acquisition.stream.byte_source import FinishedFile
+from acquisition.stream.reader import StreamReader
+from acquisition.stream.writer import StreamWriter
 from drivers.samples import AccelerationSample, PoseSample
 from drivers.source import SourceInfo
 from tests.fakes.recordings import (
@@ -169,7 +169,7 @@ def test_the_writing_program_may_say_something_itself() -> None:
     reader = reader_of(stream.getvalue())
     assert [message.sample for message in reader] == [said]
     assert reader.metadata["end"] == {"losses": "0"}
-    assert size_bytes == len(messages.encode(said)[0].cdr)
+    assert size_bytes == len(codec.encode(said)[0].cdr)
 
 
 def test_it_refuses_to_write_when_closed() -> None:

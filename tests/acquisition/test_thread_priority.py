@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from acquisition.thread_priority import raise_priority
+from acquisition.recording.thread_priority import raise_priority
 
 
 def test_no_priority_leaves_the_thread_alone(monkeypatch: pytest.MonkeyPatch) -> None:

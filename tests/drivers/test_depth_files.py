@@ -14,9 +14,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from drivers.depth_files import MillimetrePngFolder, TumFolder
-from drivers.depth_folder import POSE_SIGMA_M, POSE_SIGMA_RAD, DepthFolder
-from drivers.depth_png import MillimetreTable
+from drivers.depth.files import MillimetrePngFolder, TumFolder
+from drivers.depth.folder import POSE_SIGMA_M, POSE_SIGMA_RAD, DepthFolder
+from drivers.depth.png import MillimetreTable
 from drivers.errors import DriverError, EndOfSource
 from drivers.samples import AccelerationSample, DepthFrame, PoseSample, Sample
 from drivers.source import OpenSource, make_source

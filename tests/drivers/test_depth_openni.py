@@ -20,7 +20,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.depth_openni import (
+from drivers.depth.openni_depth import (
     KINECT_FOV_RAD,
     KINECT_TICK_HZ,
     KINECT_TICK_WRAP,
@@ -29,10 +29,9 @@ from drivers.depth_openni import (
     intrinsics_from_fov,
     unwrap_ticks,
 )
-from drivers.errors import DriverError, EndOfSource
-from drivers.openni_helper import ParentLink
-from drivers.openni_library import find_library, has_freenect_driver, usual_folders
-from drivers.openni_protocol import (
+from drivers.depth.openni_helper import ParentLink
+from drivers.depth.openni_library import find_library, has_freenect_driver, usual_folders
+from drivers.depth.openni_protocol import (
     SLOTS,
     End,
     Failure,
@@ -43,6 +42,7 @@ from drivers.openni_protocol import (
     decode,
     encode,
 )
+from drivers.errors import DriverError, EndOfSource
 from drivers.samples import CameraIntrinsics, DepthFrame
 from drivers.source import Source, make_source
 from tests.fakes.oni_file import write_oni
@@ -433,7 +433,7 @@ def test_helper_is_out_of_reach_of_ctrl_c(sources: Callable[..., OpenNiDepth]) -
 @pytest.mark.usefixtures("library")
 def test_helper_ends_when_the_recorder_is_killed() -> None:
     script = (
-        "import os, signal; from drivers.depth_openni import OpenNiDepth;"
+        "import os, signal; from drivers.depth.openni_depth import OpenNiDepth;"
         "source = OpenNiDepth(device='Dummy'); source.open();"
         "print(source._link._process.pid, flush=True); signal.pause()"
     )

@@ -12,8 +12,8 @@ from functools import partial
 import pytest
 
 from drivers.errors import DriverError
-from drivers.gyro import YawGyro
-from drivers.gyro_chips import CHIPS
+from drivers.gyro.chips import CHIPS
+from drivers.gyro.yaw_gyro import YawGyro
 from drivers.samples import YawRateSample
 from drivers.source import OpenSource, make_source
 from tests.fakes.fake_time import FakeTime

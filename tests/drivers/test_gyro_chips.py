@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import DriverError
-from drivers.gyro_chips import CHIPS, decode
-from drivers.gyro_setup import possible_rate_hz
+from drivers.gyro.chip_setup import possible_rate_hz
+from drivers.gyro.chips import CHIPS, decode
 
 # chip, bytes in the order of the bus, degrees per second. The source of each is the scale factor
 # in the data sheet's table of electrical or angular-rate characteristics.

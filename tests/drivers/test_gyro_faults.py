@@ -9,8 +9,8 @@ from functools import partial
 import pytest
 
 from drivers.errors import DriverError
-from drivers.gyro import STALL_BOUND_S
-from drivers.gyro_chips import CHIPS
+from drivers.gyro.chips import CHIPS
+from drivers.gyro.yaw_gyro import STALL_BOUND_S
 from drivers.samples import YawRateSample
 from drivers.source import OpenSource
 from tests.fakes.gyro_bench import (

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import DriverError
-from drivers.mocap import MotionCapture
+from drivers.mocap.motion_capture import MotionCapture
 from drivers.samples import PoseSample
 from drivers.source import OpenSource, make_source
 from tests.fakes.fake_time import FakeTime

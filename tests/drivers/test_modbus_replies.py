@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.modbus_replies import refusal
-from drivers.vibration_checksums import crc16_modbus
+from drivers.vibration.checksums import crc16_modbus
+from drivers.vibration.modbus_replies import refusal
 from tests.drivers.test_vibration_decode import CAPTURED_REPLY
 
 _REQUEST = bytes.fromhex("50 03 00 30 00 17 08 4A")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.skid_steer import rim_speeds, twist, twist_sigmas
+from drivers.wheels.skid_steer import rim_speeds, twist, twist_sigmas
 
 SPEEDS = st.floats(-3.0, 3.0)
 TRACKS = st.floats(0.1, 2.0)

@@ -13,8 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import DriverError
-from drivers.trajectory import (
+from drivers.depth.trajectory import (
     Trajectory,
     interpolate,
     parse_stamp_ns,
@@ -22,6 +21,7 @@ from drivers.trajectory import (
     read_table,
     read_trajectory,
 )
+from drivers.errors import DriverError
 
 POSE_COLUMNS = "stamp tx ty tz qx qy qz qw"
 same_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from drivers.errors import DriverError
 from drivers.samples import CanFrameSample, WheelTwistSample
-from drivers.twist_decoder import TwistDecoder
-from drivers.vehicle_layout import VEHICLES, vehicle_layout
+from drivers.wheels.twist_decoder import TwistDecoder
+from drivers.wheels.vehicle_layout import VEHICLES, vehicle_layout
 
 MS = 1_000_000
 OWN_DBC = """VERSION ""

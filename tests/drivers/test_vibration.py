@@ -11,8 +11,8 @@ import pytest
 from drivers.errors import DriverError
 from drivers.samples import VibrationSample
 from drivers.source import OpenSource, make_source
-from drivers.vibration import VibrationSensor, probe_port
-from drivers.vibration_acceleration import acceleration_m_s2
+from drivers.vibration.acceleration import acceleration_m_s2
+from drivers.vibration.sensor import VibrationSensor, probe_port
 from tests.drivers.test_vibration_decode import MANUAL_FRAME
 from tests.fakes.serial_pty import FakeSerialDevice, Streamer, Wtvb01Slave
 from tests.fakes.vibration_bench import (

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.samples import VibrationQuantity
-from drivers.vibration_acceleration import acceleration_m_s2
+from drivers.vibration.acceleration import acceleration_m_s2
 
 
 def test_67_micrometres_at_37_hertz() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.vibration_checksums import CHECKSUMS, crc16_modbus
+from drivers.vibration.checksums import CHECKSUMS, crc16_modbus
 
 
 @pytest.mark.parametrize(

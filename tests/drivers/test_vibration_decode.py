@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from drivers.errors import DriverError
 from drivers.samples import AccelerationSample, VibrationSample
-from drivers.vibration_decode import FrameDecoder
-from drivers.vibration_profile import load_profile, shipped_profiles
-from drivers.vibration_profile_tables import VibrationProfile
+from drivers.vibration.decode import FrameDecoder
+from drivers.vibration.profile import load_profile, shipped_profiles
+from drivers.vibration.profile_tables import VibrationProfile
 from tests.fakes.vibration_bytes import frame_of
 
 # Bytes that a WTVB02-485 at rest sent, from a public log of a serial port, 2024-10-11.
@@ -136,7 +136,7 @@ def test_any_bytes_give_values_or_the_drivers_own_error(name: str, data: bytes) 
 
 
 def test_a_float_field_that_is_not_finite_becomes_nan(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[2] / "drivers/profiles/aft601d.toml").read_text()
+    text = (Path(__file__).parents[2] / "drivers/vibration/profiles/aft601d.toml").read_text()
     text = text.replace('offsets = [18]\ntype = "int16"', 'offsets = [16]\ntype = "float32"')
     text = text.replace("offsets = [12, 14, 16]", "offsets = [10, 12, 14]")
     (tmp_path / "float.toml").write_text(text.replace("invalid = -32768\n", ""))

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from drivers.vibration_frames import FrameParser
-from drivers.vibration_profile import load_profile, shipped_profiles
-from drivers.vibration_profile_tables import VibrationProfile
+from drivers.vibration.frames import FrameParser
+from drivers.vibration.profile import load_profile, shipped_profiles
+from drivers.vibration.profile_tables import VibrationProfile
 from tests.drivers.test_vibration_decode import CAPTURED_REPLY, MANUAL_FRAME
 from tests.fakes.vibration_bytes import (
     damaged_stream,
@@ -199,7 +199,7 @@ def test_a_truncated_frame_does_not_swallow_the_next_one() -> None:
 
 
 def test_frames_that_tell_their_length(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[2] / "drivers/profiles/aft601d.toml").read_text()
+    text = (Path(__file__).parents[2] / "drivers/vibration/profiles/aft601d.toml").read_text()
     table = (
         '[frame.length_field]\noffset = 4\ntype = "uint8"\nbyte_order = "big"\n'
         "add = 7\nmin = 22\nmax = 60\n"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from drivers.errors import DriverError
-from drivers.vibration_poll import PollCounters, Poller
-from drivers.vibration_profile_tables import Poll
+from drivers.vibration.poll import PollCounters, Poller
+from drivers.vibration.profile_tables import Poll
 from tests.fakes.fake_time import FakeTime
 
 _MS = 1_000_000

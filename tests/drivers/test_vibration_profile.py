@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from drivers.errors import DriverError
-from drivers.vibration_decode import FrameDecoder
-from drivers.vibration_frames import FrameParser
-from drivers.vibration_profile import check_profile, load_profile, shipped_profiles
+from drivers.vibration.decode import FrameDecoder
+from drivers.vibration.frames import FrameParser
+from drivers.vibration.profile import check_profile, load_profile, shipped_profiles
 
-_SHIPPED = Path(__file__).parents[2] / "drivers" / "profiles"
+_SHIPPED = Path(__file__).parents[2] / "drivers" / "vibration" / "profiles"
 
 
 def _edited(tmp_path: Path, *edits: tuple[str, str], base: str = "aft601d") -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.vibration_stamps import ArrivalTimes
+from drivers.vibration.stamps import ArrivalTimes
 
 _BYTE_NS = 86_805.5  # 115200 baud, 10 bits
 _PERIOD_NS = 10_000_000

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.errors import DriverError
 from drivers.source import OpenSource
-from drivers.vibration import VibrationSensor
+from drivers.vibration.sensor import VibrationSensor
 from tests.drivers.test_vibration_decode import MANUAL_FRAME
 from tests.fakes.pty_endpoint import PtyEndpoint
 from tests.fakes.serial_pty import FakeSerialDevice, Streamer, Wtvb01Slave

@@ -10,7 +10,7 @@ import pytest
 from drivers.errors import DriverError
 from drivers.samples import AccelerationSample, VibrationSample
 from drivers.source import OpenSource
-from drivers.vibration import VibrationSensor
+from drivers.vibration.sensor import VibrationSensor
 from tests.fakes.serial_pty import FakeSerialDevice, Wtvb01Slave
 from tests.fakes.vibration_bench import (
     hasty_profile,

@@ -15,7 +15,7 @@ import pytest
 from drivers.errors import DriverError
 from drivers.samples import CanFrameSample, WheelTwistSample
 from drivers.source import OpenSource
-from drivers.wheels import Wheels
+from drivers.wheels.can_wheels import Wheels
 from tests.fakes.fake_time import FakeTime
 from tests.fakes.slcan_pty import SlcanPty, frame_line
 

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.errors import DriverError
 from drivers.samples import CanFrameSample, WheelTwistSample
-from drivers.wheels import Wheels
+from drivers.wheels.can_wheels import Wheels
 from tests.fakes.fake_time import FakeTime
 
 PUMA_SPEED = 0x02021540

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.clock import SystemClocks
+from acquisition.clocks.host_clock import SystemClocks
 
 S = 1_000_000_000
 Int64Array = NDArray[np.int64]

@@ -8,14 +8,14 @@ from typing import Any
 
 from mcap.writer import Writer
 
-from acquisition import messages
+from acquisition.messages import codec
 
 INFO, IMAGE, POSE = "/depth/camera_info", "/depth/image", "/mocap/pose"
 
 
 def parts(sample: Any, topics: Sequence[str] = (INFO, IMAGE, POSE)) -> list[tuple[str, bytes, int]]:
     """Return topic, CDR and time of the messages of a sample that are on those topics."""
-    return [(m.topic, m.cdr, sample.t_ns) for m in messages.encode(sample) if m.topic in topics]
+    return [(m.topic, m.cdr, sample.t_ns) for m in codec.encode(sample) if m.topic in topics]
 
 
 def foreign(
@@ -29,7 +29,7 @@ def foreign(
     writer = Writer(stream, **options)
     writer.start("ros2")
     channels = {}
-    for row in messages.MESSAGE_TYPES:
+    for row in codec.MESSAGE_TYPES:
         schema = writer.register_schema(row.ros_type, "ros2msg", b"not looked at")
         topic = (rename or {}).get(row.topic, row.topic)
         channels[row.topic] = writer.register_channel(topic, encoding, schema)

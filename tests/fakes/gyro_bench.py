@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from drivers.gyro import STALL_BOUND_S, YawGyro
-from drivers.gyro_chips import CHIPS
+from drivers.gyro.chips import CHIPS
+from drivers.gyro.yaw_gyro import STALL_BOUND_S, YawGyro
 from drivers.samples import YawRateSample
 from tests.fakes.fake_time import FakeTime
 from tests.fakes.gyro_registers import MODELS, RegisterChip

@@ -64,7 +64,7 @@ class FakeI2c:
         shim = SimpleNamespace(open=self.open, close=self.close, O_RDWR=os.O_RDWR)
         monkeypatch.setattr("smbus2.smbus2.os", shim)
         monkeypatch.setattr("smbus2.smbus2.ioctl", self.ioctl)
-        monkeypatch.setattr("drivers.i2c.ioctl", self.ioctl)
+        monkeypatch.setattr("drivers.gyro.i2c.ioctl", self.ioctl)
 
     def plug(self, path: str, address: int, chip: FakeChip) -> None:
         """Connect a chip; the adapter appears with its first chip."""

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from acquisition.byte_source import Pipe
-from acquisition.clock_sample import ClockSample
-from acquisition.frames import (
+from acquisition.clocks.clock_sample import ClockSample
+from acquisition.messages.codec import Recordable
+from acquisition.messages.frames import (
     DEPTH_OPTICAL_FRAME,
     MOCAP_BODY_FRAME,
     StaticTransform,
 )
-from acquisition.messages import Recordable
-from acquisition.stream_reader import StreamMessage, StreamReader
-from acquisition.stream_writer import StreamWriter
+from acquisition.stream.byte_source import Pipe
+from acquisition.stream.reader import StreamMessage, StreamReader
+from acquisition.stream.writer import StreamWriter
 from drivers.samples import (
     AccelerationSample,
     CameraIntrinsics,

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol, Self
 
-from drivers.vibration_checksums import crc16_modbus
+from drivers.vibration.checksums import crc16_modbus
 from tests.fakes.pty_endpoint import PtyEndpoint
 
 

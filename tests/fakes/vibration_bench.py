@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from drivers.samples import VibrationSample
-from drivers.vibration import VibrationSensor
-from drivers.vibration_profile import load_profile
+from drivers.vibration.profile import load_profile
+from drivers.vibration.sensor import VibrationSensor
 from tests.fakes.vibration_bytes import frame_of
 
-PROFILE_FOLDER = Path(__file__).parents[2] / "drivers" / "profiles"
+PROFILE_FOLDER = Path(__file__).parents[2] / "drivers" / "vibration" / "profiles"
 
 # What an AFT601D would stream if its layout were the assumed one.
 AFT601D_FRAMES = [

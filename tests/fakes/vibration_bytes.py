@@ -11,8 +11,8 @@ import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from drivers.vibration_decode import FrameDecoder
-from drivers.vibration_profile_tables import ValueField, VibrationProfile
+from drivers.vibration.decode import FrameDecoder
+from drivers.vibration.profile_tables import ValueField, VibrationProfile
 
 
 def frame_of(

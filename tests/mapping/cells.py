@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.cell_layers import empty_layers
+from mapping.cells.cell_layers import empty_layers
+from mapping.cells.update_constants import FrameConstants, fusion_constants
+from mapping.cells.update_kernels import UpdateCounts, fuse
 from mapping.settings import MapSettings
-from mapping.update_constants import FrameConstants, fusion_constants
-from mapping.update_kernels import UpdateCounts, fuse
 
 Float64Array = NDArray[np.float64]
 SECOND_NS = 1_000_000_000

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.elevation_map import CellState, ElevationMap
-from mapping.layers import LayerSettings
+from mapping.cells.elevation_map import CellState, ElevationMap
+from mapping.ground.layers import LayerSettings
 
 NAN = np.nan
 

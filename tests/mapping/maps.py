@@ -7,7 +7,7 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mapping.elevation_map import CellState, ElevationMap
+from mapping.cells.elevation_map import CellState, ElevationMap
 from mapping.settings import MapSettings
 
 # A stamp whose last digits a floating number would lose.

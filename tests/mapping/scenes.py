@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from acquisition.frames import (
+from acquisition.messages.frames import (
     DEPTH_OPTICAL_FRAME,
     MOCAP_BODY_FRAME,
     StaticTransform,

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mapping.calibration_file import DeviceIdentity, noise_from_name, noise_to_json, parse_noise
 from mapping.errors import MappingError
 from mapping.noise import KINECT_V1, NGUYEN_2012, PRESETS, DepthNoiseModel, constant_noise
-from simulation.ideal_camera import IDEAL_CAMERA_NOISE
+from simulation.devices.ideal_camera import IDEAL_CAMERA_NOISE
 
 not_negative = st.floats(0.0, 1.0)
 

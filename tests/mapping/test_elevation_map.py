@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mapping.elevation_map import CellState, ElevationMap, read_out
+from mapping.cells.elevation_map import CellState, ElevationMap, read_out
+from mapping.cells.grid import CellWindow, Grid, GrowingGrid, ScrollingGrid
 from mapping.errors import MappingError
-from mapping.grid import CellWindow, Grid, GrowingGrid, ScrollingGrid
 from mapping.settings import MapSettings
 from tests.mapping.maps import hilly_map
 

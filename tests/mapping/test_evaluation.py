@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapping.accuracy import accuracy
-from mapping.elevation_map import CellState
+from mapping.cells.elevation_map import CellState
 from mapping.errors import MappingError
-from mapping.evaluation import edge_cells, evaluate, slope_rad
+from mapping.judging.accuracy import accuracy
+from mapping.judging.evaluation import edge_cells, evaluate, slope_rad
 from tests.mapping.maps import hilly_map, make_map
 
 # Nine errors in millimetres; sum -6, sum of squares 144, median 0.

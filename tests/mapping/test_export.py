@@ -10,10 +10,10 @@ import rasterio
 from numpy.typing import NDArray
 from PIL import Image
 
-from mapping.elevation_map import CellState
+from mapping.cells.elevation_map import CellState
 from mapping.errors import MappingError
-from mapping.export import export
-from mapping.layers import derive
+from mapping.ground.layers import derive
+from mapping.output.export import export
 from tests.mapping.maps import hilly_map, make_map
 
 NAN = np.nan

@@ -14,14 +14,14 @@ from mpl_toolkits.mplot3d import art3d
 from numpy.typing import NDArray
 from PIL import Image
 
-from mapping.elevation_map import CellState, ElevationMap
+from mapping.cells.elevation_map import CellState, ElevationMap
 from mapping.errors import MappingError
-from mapping.figure_errors import consistency_figure, error_figure
-from mapping.figure_layers import layers_figure
-from mapping.figure_plan import central_range, height_figure, sigma_figure, state_figure
-from mapping.figure_profile import Section, longest_section, profile_figure
-from mapping.figure_surface import surface_figure
-from mapping.figures import png_bytes, write_figures
+from mapping.output.figure_errors import consistency_figure, error_figure
+from mapping.output.figure_layers import layers_figure
+from mapping.output.figure_plan import central_range, height_figure, sigma_figure, state_figure
+from mapping.output.figure_profile import Section, longest_section, profile_figure
+from mapping.output.figure_surface import surface_figure
+from mapping.output.figures import png_bytes, write_figures
 from tests.mapping.maps import hilly_map, make_map
 
 NAMES = ["height", "sigma", "state", "layers", "profile", "surface"]

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from mapping.elevation_map import CellState, ElevationMap
+from mapping.cells.elevation_map import CellState, ElevationMap
 from mapping.errors import MappingError
-from mapping.fill import fill_gaps, gap_cells
-from simulation.terrain import AnalyticTerrain, crater_field
+from mapping.ground.fill import fill_gaps, gap_cells
+from simulation.terrain.analytic import AnalyticTerrain, crater_field
 from tests.mapping.maps import hilly_map, make_map
 
 NAN = np.nan

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mapping.elevation_map import CellState, ElevationMap
+from mapping.cells.elevation_map import CellState, ElevationMap
 from mapping.errors import MappingError
-from mapping.floor_evaluation import Box, evaluate_floor, read_box
+from mapping.judging.floor_evaluation import Box, evaluate_floor, read_box
 from tests.mapping.maps import make_map
 
 # A quarter turn: its length lies along y.

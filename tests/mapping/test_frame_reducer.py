@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from mapping.cells.grid import CellWindow
 from mapping.errors import MappingError
-from mapping.grid import CellWindow
 from mapping.measurement import FrameReducer, View
 from mapping.noise import KINECT_V1, NGUYEN_2012, DepthNoiseModel
 from mapping.settings import MapSettings

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapping.cell_layers import BYTES_PER_CELL, empty_layers
+from mapping.cells.cell_layers import BYTES_PER_CELL, empty_layers
+from mapping.cells.grid import CellWindow, Grid, GrowingGrid, ScrollingGrid, make_grid
 from mapping.errors import MappingError
-from mapping.grid import CellWindow, Grid, GrowingGrid, ScrollingGrid, make_grid
 from mapping.settings import MapSettings
 
 Cells = dict[tuple[int, int], int]

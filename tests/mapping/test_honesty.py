@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from drivers.samples import DepthFrame, PoseSample
-from mapping.elevation_map import CellState
+from mapping.cells.elevation_map import CellState
 from mapping.mapper import Mapper
 from mapping.noise import DepthNoiseModel
 from mapping.settings import MapSettings

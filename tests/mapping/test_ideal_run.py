@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from drivers.samples import DepthFrame
-from mapping.accuracy import Accuracy, accuracy
 from mapping.calibration_file import parse_noise
-from mapping.elevation_map import CellState, ElevationMap
-from mapping.evaluation import edge_cells
+from mapping.cells.elevation_map import CellState, ElevationMap
+from mapping.judging.accuracy import Accuracy, accuracy
+from mapping.judging.evaluation import edge_cells
+from mapping.judging.truth import Truth, evaluate_truth
 from mapping.mapper import Mapper, MapperCounts
 from mapping.settings import MapSettings
-from mapping.truth import Truth, evaluate_truth
-from simulation.ideal_camera import IDEAL_CAMERA_NOISE
+from simulation.devices.ideal_camera import IDEAL_CAMERA_NOISE
 from simulation.ideal_drive import IdealDrive
 from tests.mapping.scenes import mount
 

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mapping.cell_layers import CellLayers, empty_layers
+from mapping.cells.cell_layers import CellLayers, empty_layers
+from mapping.cells.grid import CellWindow
+from mapping.cells.update_constants import fusion_constants
+from mapping.cells.update_kernels import fuse
 from mapping.geometry import RigidTransform
-from mapping.grid import CellWindow
 from mapping.measurement import FrameReducer, View
 from mapping.noise import DepthNoiseModel
 from mapping.settings import MapSettings
-from mapping.update_constants import fusion_constants
-from mapping.update_kernels import fuse
 from tests.mapping.cells import sums_of
 from tests.mapping.scenes import CAMERA, view_of
 

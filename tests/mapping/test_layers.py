@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mapping.elevation_map import CellState, ElevationMap
+from mapping.cells.elevation_map import CellState, ElevationMap
 from mapping.errors import MappingError
-from mapping.layers import Combination, DerivedLayers, LayerSettings, derive, disc, score
+from mapping.ground.layers import Combination, DerivedLayers, LayerSettings, derive, disc, score
 from tests.mapping.layer_definitions import by_definition
 from tests.mapping.maps import hilly_map, make_map
 

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapping.errors import MappingError
-from mapping.layers import LayerSettings, derive
-from mapping.map_file import read_map, write_map
+from mapping.ground.layers import LayerSettings, derive
+from mapping.output.map_file import read_map, write_map
 from tests.fakes.ordinary_user import ordinary_user
 from tests.mapping.maps import EPOCH_NS, hilly_map, make_map
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from acquisition.frames import StaticTransforms
+from acquisition.messages.frames import StaticTransforms
 from drivers.samples import AccelerationSample, CameraIntrinsics, Sample, frozen_array
-from mapping.elevation_map import CellState
+from mapping.cells.elevation_map import CellState
 from mapping.errors import MappingError
 from mapping.mapper import Mapper
 from mapping.noise import NGUYEN_2012

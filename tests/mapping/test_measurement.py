@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.samples import CameraIntrinsics
 from mapping import measurement_kernels as kernels
-from mapping.grid import CellWindow
+from mapping.cells.grid import CellWindow
 from mapping.measurement import FrameReducer, View, _view_constants
 from mapping.noise import KINECT_QUANTISATION, KINECT_V1, NGUYEN_2012, DepthNoiseModel
 from mapping.settings import MapSettings

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from acquisition.frames import StaticTransform
+from acquisition.messages.frames import StaticTransform
 from drivers.samples import frozen_array
 from mapping.errors import MappingError
 from mapping.mounts import MountTree

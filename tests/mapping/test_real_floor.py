@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from acquisition.importing import record_all
-from drivers.depth_files import TumFolder
-from mapping.floor_evaluation import Box, evaluate_floor, read_box
+from drivers.depth.files import TumFolder
+from mapping.judging.floor_evaluation import Box, evaluate_floor, read_box
 from mapping.session import MapOptions, MapResult, map_stream
 from mapping.settings import MapSettings
 from tests.fakes.recordings import reader_of

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mapping.relief_kernels import surrounding_relief
+from mapping.cells.relief_kernels import surrounding_relief
 
 SHAPE = (9, 11)
 

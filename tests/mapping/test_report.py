@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mapping.elevation_map import CellState
+from mapping.cells.elevation_map import CellState
 from mapping.errors import MappingError
-from mapping.evaluation import Scores, evaluate
-from mapping.figure_plan import state_figure
-from mapping.figures import png_bytes
-from mapping.report import verdict, write_report
+from mapping.judging.evaluation import Scores, evaluate
+from mapping.output.figure_plan import state_figure
+from mapping.output.figures import png_bytes
+from mapping.output.report import verdict, write_report
 from tests.mapping.maps import hilly_map, make_map
 
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from acquisition.stream_reader import StreamMessage
-from acquisition.stream_writer import StreamWriter
+from acquisition.stream.reader import StreamMessage
+from acquisition.stream.writer import StreamWriter
 from drivers.samples import DepthFrame, PoseSample, Sample
 from drivers.source import SourceInfo
 from mapping.calibration_file import noise_to_json

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from mapping.errors import MappingError
-from mapping.truth import Truth, evaluate_truth, read_truth, write_truth
+from mapping.judging.truth import Truth, evaluate_truth, read_truth, write_truth
 from tests.mapping.maps import hilly_map, make_map
 
 

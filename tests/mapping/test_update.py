@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
-from mapping.cell_layers import empty_layers
+from mapping.cells.cell_layers import empty_layers
+from mapping.cells.update_constants import fusion_constants
+from mapping.cells.update_kernels import fuse
 from mapping.settings import MapSettings
-from mapping.update_constants import fusion_constants
-from mapping.update_kernels import fuse
 from tests.mapping.cells import SECOND_NS, Cell, Seen, constants, sums_of
 
 OPEN_GATE = {"gate_sigma": 1e6}

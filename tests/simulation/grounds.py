@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simulation.height_grid import HeightGrid
+from simulation.terrain.height_grid import HeightGrid
 
 SPACING_M = 0.02
 

@@ -8,16 +8,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from simulation.camera_mount import BODY_FROM_OPTICAL
-from simulation.depth_camera import DepthCamera
+from simulation.devices.camera_mount import BODY_FROM_OPTICAL
+from simulation.devices.depth_camera import DepthCamera
+from simulation.devices.ideal_camera import trace
+from simulation.devices.kinect import KinectModel, kinect_320, kinect_640, lit_by_projector
+from simulation.devices.ray_kernels import block_maxima, first_hit
 from simulation.errors import SimulationError
-from simulation.height_grid import HeightGrid
-from simulation.ideal_camera import trace
-from simulation.kinect import KinectModel, kinect_320, kinect_640, lit_by_projector
-from simulation.lunar_terrain import lunar_terrain
-from simulation.man_made import indoor_hall
-from simulation.ray_kernels import block_maxima, first_hit
-from simulation.terrain import crater_field
+from simulation.terrain.analytic import crater_field
+from simulation.terrain.height_grid import HeightGrid
+from simulation.terrain.lunar_terrain import lunar_terrain
+from simulation.terrain.man_made import indoor_hall
 
 Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
 

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.samples import AccelerationSample, Sample, frozen_array
-from simulation.device_stream import DeviceClock, DeviceStream, increasing
+from simulation.devices.device_stream import DeviceClock, DeviceStream, increasing
 from simulation.errors import SimulationError
 
 START_NS = 10**15

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulation.drive_commands import (
+from simulation.errors import SimulationError
+from simulation.vehicle.drive_commands import (
     ORIGIN,
     STANDSTILL,
     Arc,
@@ -19,7 +20,6 @@ from simulation.drive_commands import (
     Waypoints,
     loop,
 )
-from simulation.errors import SimulationError
 
 
 def follow(commands: DriveCommands, seconds: float, start: PlanarPose) -> list[PlanarPose]:

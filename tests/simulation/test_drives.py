@@ -6,16 +6,16 @@ from numpy.typing import NDArray
 
 from drivers.errors import DriverError, EndOfSource
 from drivers.samples import DepthFrame, PoseSample, Sample
-from simulation.camera_mount import BODY_FROM_OPTICAL, camera_is_body, on_rover
-from simulation.depth_camera import DepthCamera
+from simulation.devices.camera_mount import BODY_FROM_OPTICAL, camera_is_body, on_rover
+from simulation.devices.depth_camera import DepthCamera
+from simulation.devices.kinect import KinectModel, kinect_320
 from simulation.drive_source import DriveSource
 from simulation.errors import SimulationError
-from simulation.height_grid import HeightGrid
 from simulation.ideal_drive import IdealDrive
-from simulation.kinect import KinectModel, kinect_320
 from simulation.motion import START_NS
-from simulation.scripted_drive import PosePath, ScriptedDrive
+from simulation.terrain.height_grid import HeightGrid
 from simulation.truth import SeenCells
+from simulation.vehicle.scripted_drive import PosePath, ScriptedDrive
 
 QUARTER_TURN = np.sqrt(0.5)
 

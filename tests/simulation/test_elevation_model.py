@@ -6,8 +6,8 @@ import rasterio
 from numpy.typing import NDArray
 from rasterio.transform import Affine
 
-from simulation.elevation_model import read_elevation_model
 from simulation.errors import SimulationError
+from simulation.terrain.elevation_model import read_elevation_model
 
 METRES = "+proj=eqc +R=1737400 +units=m"
 

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from simulation.drive_commands import Line
 from simulation.errors import SimulationError
 from simulation.faults import (
     AccelerometerBias,
@@ -17,9 +16,10 @@ from simulation.faults import (
     Unplug,
     arriving,
 )
-from simulation.jackal import WHEEL_RADIUS_M
 from simulation.motion import Motion
-from simulation.vehicle_run import DriveOptions, simulate_vehicle
+from simulation.vehicle.drive_commands import Line
+from simulation.vehicle.jackal import WHEEL_RADIUS_M
+from simulation.vehicle.vehicle_run import DriveOptions, simulate_vehicle
 from tests.simulation.grounds import sloping
 
 TIMES_S = np.asarray(np.arange(1000) * 0.01, np.float64)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from simulation.errors import SimulationError
-from simulation.height_grid import HeightGrid
+from simulation.terrain.height_grid import HeightGrid
 
 PLACE = st.floats(0.0, 1.0)
 

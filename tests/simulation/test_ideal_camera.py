@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from drivers.samples import CameraIntrinsics
-from simulation.ideal_camera import noisy_depth_mm, trace
+from simulation.devices.ideal_camera import noisy_depth_mm, trace
 from simulation.ideal_drive import IdealDrive
-from simulation.terrain import AnalyticTerrain
+from simulation.terrain.analytic import AnalyticTerrain
 
 Float64Array = NDArray[np.float64]
 

@@ -4,11 +4,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.gyro_chips import CHIPS, decode
+from drivers.gyro.chips import CHIPS, decode
 from drivers.samples import AccelerationSample, YawRateSample
-from simulation.accelerometer import Accelerometer, acceleration_stream, accelerometer_signal
+from simulation.devices.accelerometer import (
+    Accelerometer,
+    acceleration_stream,
+    accelerometer_signal,
+)
+from simulation.devices.yaw_gyro import Gyro, Warming, gyro_stream
 from simulation.faults import AccelerometerBias
-from simulation.yaw_gyro import Gyro, Warming, gyro_stream
 from tests.simulation.motions import motion
 
 UPSIDE_DOWN = (math.pi, 0.0, 0.0)

@@ -4,8 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulation.errors import SimulationError
-from simulation.kinect import (
+from simulation.devices.kinect import (
     CleanView,
     KinectModel,
     drop_out_probability,
@@ -14,6 +13,7 @@ from simulation.kinect import (
     kinect_depth_mm,
     lit_by_projector,
 )
+from simulation.errors import SimulationError
 
 # Lit from the camera itself: neighbours at random distances would cast shadows.
 WIDE = KinectModel(baseline_m=0.0, range_min_m=0.3, range_max_m=9.0)

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from simulation.errors import SimulationError
-from simulation.ground_layout import FlatStart
-from simulation.height_grid import HeightGrid
-from simulation.lunar_features import (
+from simulation.terrain.ground_layout import FlatStart
+from simulation.terrain.height_grid import HeightGrid
+from simulation.terrain.lunar_features import (
     add_craters,
     add_rocks,
     crater_count,
@@ -20,7 +20,7 @@ from simulation.lunar_features import (
     sample_craters,
     sample_rocks,
 )
-from simulation.lunar_terrain import (
+from simulation.terrain.lunar_terrain import (
     DEFAULT_EXTENT,
     LARGEST_CRATER_M,
     PRESETS,
@@ -28,13 +28,17 @@ from simulation.lunar_terrain import (
     lunar_terrain,
     smallest_feature_m,
 )
-from simulation.rough_ground import (
+from simulation.terrain.rough_ground import (
     COARSE_EXPONENT,
     FINE_EXPONENT,
     expected_rms_height_m,
     rough_ground,
 )
-from simulation.terrain_statistics import TerrainStatistics, count_per_m2, terrain_statistics
+from simulation.terrain.terrain_statistics import (
+    TerrainStatistics,
+    count_per_m2,
+    terrain_statistics,
+)
 
 SMALL = (-2.0, 3.0, -2.0, 2.0)
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from simulation.errors import SimulationError
-from simulation.height_grid import HeightGrid
-from simulation.man_made import indoor_hall, outdoor_field
+from simulation.terrain.height_grid import HeightGrid
+from simulation.terrain.man_made import indoor_hall, outdoor_field
 
 Scene = Callable[[int], HeightGrid]
 SCENES = pytest.mark.parametrize("scene", [indoor_hall, outdoor_field])

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drivers.samples import PoseSample
-from simulation.motion_capture import MotionCapture, pose_stream
+from simulation.devices.motion_capture import MotionCapture, pose_stream
 from tests.simulation.motions import motion
 
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from simulation.height_grid import HeightGrid
-from simulation.ray_kernels import BLOCK_SQUARES, block_maxima, first_hit
+from simulation.devices.ray_kernels import BLOCK_SQUARES, block_maxima, first_hit
+from simulation.terrain.height_grid import HeightGrid
 
 SAMPLES = 4000
 

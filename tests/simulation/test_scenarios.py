@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition import frames
-from acquisition.frames import StaticTransform
+from acquisition.messages import frames
+from acquisition.messages.frames import StaticTransform
 from drivers.errors import DriverError, EndOfSource
 from drivers.samples import DepthFrame, PoseSample, Sample
 from mapping.calibration_file import parse_noise
 from mapping.mounts import MountTree
-from simulation.depth_camera import DepthCamera
+from simulation.devices.depth_camera import DepthCamera
+from simulation.devices.kinect import KinectModel, kinect_320
+from simulation.devices.kinect_noise import kinect_noise_file
+from simulation.devices.sensor_mounts import sensor_mounts
 from simulation.errors import SimulationError
-from simulation.kinect import KinectModel, kinect_320
-from simulation.kinect_noise import kinect_noise_file
-from simulation.routes import around_rocks, circle, there_and_back
 from simulation.scenario_source import ScenarioSource
 from simulation.scenarios import SCENARIOS, SHORTEST_S, make_scenario
-from simulation.sensor_mounts import sensor_mounts
+from simulation.vehicle.routes import around_rocks, circle, there_and_back
 from tests.simulation.grounds import sloping
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from simulation.soil import BODY_COLUMNS, Soil, plate_elements, press, rim_elements
+from simulation.vehicle.soil import BODY_COLUMNS, Soil, plate_elements, press, rim_elements
 from tests.simulation.grounds import sloping
 
 # A plate of 0.2 x 0.1 m that looks down, in 40 elements.

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulation.terrain import AnalyticTerrain, crater_field
+from simulation.terrain.analytic import AnalyticTerrain, crater_field
 
 NO_WAVES = np.empty((0, 4))
 BUMP = AnalyticTerrain(np.array([[1.0, -2.0, 0.3, 0.5]]), NO_WAVES)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mapping.truth import read_truth
+from mapping.judging.truth import read_truth
 from simulation.errors import SimulationError
-from simulation.height_grid import HeightGrid
+from simulation.terrain.height_grid import HeightGrid
 from simulation.truth import Truth
 from simulation.truth_file import Signal, pose_signals, write_truth_file
 

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from simulation import jackal
 from simulation.errors import SimulationError
-from simulation.height_grid import HeightGrid
-from simulation.vehicle import Contact, Disturbance, Vehicle
+from simulation.terrain.height_grid import HeightGrid
+from simulation.vehicle import jackal
+from simulation.vehicle.vehicle import Contact, Disturbance, Vehicle
 from tests.simulation.grounds import bumpy, sloping
 
 FREE = Disturbance()

@@ -8,11 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drivers.samples import AccelerationSample, CanFrameSample, YawRateSample
-from simulation.drive_commands import Arc, PlanarPose, SCurve, Waypoints
 from simulation.errors import SimulationError
 from simulation.faults import Unplug
 from simulation.motion import Motion
-from simulation.vehicle_run import DriveOptions, VehicleRun, simulate_vehicle
+from simulation.vehicle.drive_commands import Arc, PlanarPose, SCurve, Waypoints
+from simulation.vehicle.vehicle_run import DriveOptions, VehicleRun, simulate_vehicle
 from tests.simulation.grounds import bumpy, sloping
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.samples import VibrationQuantity, VibrationSample, VibrationStatistic
-from drivers.vibration_acceleration import acceleration_m_s2
-from simulation.accelerometer import Accelerometer, accelerometer_signal
-from simulation.errors import SimulationError
-from simulation.vibration_windows import (
+from drivers.vibration.acceleration import acceleration_m_s2
+from simulation.devices.accelerometer import Accelerometer, accelerometer_signal
+from simulation.devices.vibration_windows import (
     VibrationOutput,
     amplitude_and_frequency,
     vibration_stream,
 )
+from simulation.errors import SimulationError
 from tests.simulation.motions import motion
 
 TIME_S = np.asarray(np.arange(256) * 1e-3, np.float64)

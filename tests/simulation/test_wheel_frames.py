@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from drivers.samples import CanFrameSample, WheelTwistSample
-from drivers.twist_decoder import TwistDecoder
-from drivers.vehicle_layout import VEHICLES
+from drivers.wheels.twist_decoder import TwistDecoder
+from drivers.wheels.vehicle_layout import VEHICLES
+from simulation.devices.wheel_frames import WheelBus, wheel_streams
 from simulation.errors import SimulationError
 from simulation.faults import Dropout
-from simulation.jackal import EFFECTIVE_TRACK_M, WHEEL_RADIUS_M
-from simulation.wheel_frames import WheelBus, wheel_streams
+from simulation.vehicle.jackal import EFFECTIVE_TRACK_M, WHEEL_RADIUS_M
 from tests.simulation.motions import motion
 
 RATES = (2.0, 2.2, 3.9, 4.1)

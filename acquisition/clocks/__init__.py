@@ -1,0 +1,1 @@
+"""The host's clocks and the devices' counters."""

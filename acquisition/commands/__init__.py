@@ -1,0 +1,1 @@
+"""The commands that record, inspect and edit recordings."""

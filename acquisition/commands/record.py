@@ -1,0 +1,233 @@
+"""The commands that record, and that make new recordings of old ones.
+
+Nothing heavy is imported before a command runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event, Timer
+from typing import TYPE_CHECKING
+
+from acquisition.commands.console import CHECK_FAILED, OK, Board, Console, show
+
+if TYPE_CHECKING:
+    from acquisition.config.rover_file import LoadedConfig
+    from acquisition.health.snapshot import HealthSnapshot
+    from acquisition.recording.output import RecordingOutput
+
+_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def add_record_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare `terravibe record`."""
+    add = parser.add_argument
+    add("--config", type=Path, default=Path("rover.toml"), metavar="FILE", help="(rover.toml)")
+    add("-o", "--output", type=Path, metavar="FILE.mcap", help="instead of a name with the time")
+    add("--require", action="store_true", help="refuse to start unless every device answers")
+    add("--seconds", type=float, metavar="S", help="stop by itself after so long")
+    add("--preflight", action="store_true", help="open every device, report, and stop")
+    add("--json", action="store_true", help="print the result as JSON")
+
+
+def run_record(options: argparse.Namespace, console: Console) -> int:
+    """Record until SIGINT, SIGTERM or SIGHUP; 1 when the output failed or a device hangs."""
+    from acquisition.config.rover_file import load
+
+    loaded = load(options.config)
+    if options.preflight:
+        return _preflight(loaded, console, as_json=options.json)
+    return _record(options, loaded, console)
+
+
+def _preflight(loaded: LoadedConfig, console: Console, *, as_json: bool) -> int:
+    from acquisition.config.use import sources_of
+    from acquisition.recording.preflight import preflight
+
+    report = preflight(sources_of(loaded))
+    show(console, report, as_json=as_json)
+    return CHECK_FAILED if report.missing else OK
+
+
+def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console) -> int:
+    from dataclasses import replace
+
+    from acquisition.clocks.host_clock import HostClock
+    from acquisition.config.use import output_of, plan_of, recording_path, sources_of
+    from acquisition.health.snapshot import as_json
+    from acquisition.recording.recorder import Recorder
+    from acquisition.recording.service import ServiceNotifier
+
+    clock = HostClock()
+    path = options.output or recording_path(loaded, clock.log_time_ns(clock.now_ns()))
+    output = output_of(loaded, path)
+    plan = plan_of(loaded)
+    plan = replace(plan, require_all=plan.require_all or options.require)
+    recorder = Recorder(sources_of(loaded), output, plan, clock)
+    notifier = ServiceNotifier.from_environment()
+    with _stop_event(options.seconds, output) as stop, console.board() as board:
+
+        def beat(snapshot: HealthSnapshot) -> None:
+            notifier.heartbeat(snapshot)
+            _show_health(board, snapshot)
+
+        result = recorder.run(stop, beat)
+    notifier.stopping(result.message)
+    failed = result.outcome == "output_failed" or bool(result.hanging)
+    if options.json:
+        files = [str(file) for file in result.files]
+        console.json(
+            {
+                "outcome": result.outcome,
+                "message": result.message,
+                "files": files,
+                "unwritten": result.unwritten,
+                "hanging": list(result.hanging),
+                "health": as_json(result.health),
+            }
+        )
+    else:
+        console.lines([result.message, *(str(file) for file in result.files)])
+    if result.hanging:
+        console.note(f"warning: these devices did not stop: {', '.join(result.hanging)}")
+    return CHECK_FAILED if failed else OK
+
+
+def _show_health(board: Board, snapshot: HealthSnapshot) -> None:
+    from acquisition.health.views import lines_of, table_of
+
+    board(lambda: table_of(snapshot), lambda: lines_of(snapshot))
+
+
+@contextmanager
+def _stop_event(seconds: float | None, output: RecordingOutput) -> Iterator[Event]:
+    """Give an event that signals set; SIGUSR1 triggers a ring's snapshot."""
+    stop = Event()
+    trigger: Callable[[], object] = getattr(output, "trigger", lambda: None)
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in _STOP_SIGNALS}
+    before[signal.SIGUSR1] = signal.signal(signal.SIGUSR1, lambda *_: trigger())
+    timer = Timer(seconds, stop.set) if seconds else None
+    if timer:
+        timer.start()
+    try:
+        yield stop
+    finally:
+        if timer:
+            timer.cancel()
+            timer.join()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def add_config_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare `terravibe config init|check|show|unit`."""
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    for name, text in (
+        ("init", "write a rover.toml with every default, to be edited"),
+        ("check", "say everything that is wrong with it; touches no device"),
+        ("show", "print every setting, defaults included, as JSON"),
+    ):
+        action = actions.add_parser(name, help=text)
+        action.add_argument("file", type=Path, nargs="?", default=Path("rover.toml"))
+    actions.add_parser("unit", help="print the systemd unit file of the recorder")
+
+
+def run_config(options: argparse.Namespace, console: Console) -> int:
+    """Make, check or show a rover.toml."""
+    from acquisition.config.rover_file import default_text, load
+    from acquisition.config.use import check, resolved
+    from acquisition.errors import ConfigError
+    from acquisition.files import replacing
+    from acquisition.recording.service import unit_text
+
+    if options.action == "unit":
+        console.lines([unit_text().rstrip()])
+    elif options.action == "show":
+        console.json(resolved(load(options.file)))
+    elif options.action == "check":
+        problems = check(options.file)
+        console.lines(problems or [f"{options.file}: nothing wrong found"])
+        return CHECK_FAILED if problems else OK
+    elif options.file.exists():
+        raise ConfigError(f"{options.file} exists; edit it, or give another name")
+    else:
+        with replacing(options.file) as temporary:
+            temporary.write_text(default_text(), encoding="utf-8")
+        console.lines([f"{options.file}: written; add your devices"])
+    return OK
+
+
+def add_recover_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare `terravibe recover`."""
+    parser.add_argument("recording", type=Path)
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.mcap")
+    parser.add_argument("--json", action="store_true")
+
+
+def run_recover(options: argparse.Namespace, console: Console) -> int:
+    """Copy what is intact of a damaged recording; 1 when something was lost."""
+    from acquisition.recovery.recover import recover
+
+    with console.progress(f"recovering {options.recording}") as reached:
+        report = recover(
+            options.recording,
+            options.output,
+            progress=lambda done: reached(f"{done:.0%}"),
+        )
+    show(console, report, as_json=options.json)
+    return OK if report.sound else CHECK_FAILED
+
+
+def add_cut_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare `terravibe cut`."""
+    add = parser.add_argument
+    add("recording", type=Path)
+    add("-o", "--output", type=Path, required=True, metavar="FILE.mcap")
+    add("--start-s", type=float, metavar="S", help="seconds after the first message")
+    add("--end-s", type=float, metavar="S", help="seconds after the first message")
+    add("--start-ns", type=int, metavar="NS", help="log time instead")
+    add("--end-ns", type=int, metavar="NS", help="log time instead")
+    add("--topics", type=lambda text: text.split(","), metavar="TOPIC,...", help="only these")
+    add("--json", action="store_true")
+
+
+def run_cut(options: argparse.Namespace, console: Console) -> int:
+    """Copy what lies between two times, or some of the topics."""
+    from acquisition.editing.cut_and_merge import cut
+
+    with console.progress(f"cutting {options.recording}") as reached:
+        report = cut(
+            options.recording,
+            options.output,
+            start_s=options.start_s,
+            end_s=options.end_s,
+            start_ns=options.start_ns,
+            end_ns=options.end_ns,
+            topics=options.topics,
+            progress=lambda done: reached(f"{done:.0%}"),
+        )
+    show(console, report, as_json=options.json)
+    return OK
+
+
+def add_merge_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare `terravibe merge`."""
+    parser.add_argument("recordings", type=Path, nargs="+")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.mcap")
+    parser.add_argument("--json", action="store_true")
+
+
+def run_merge(options: argparse.Namespace, console: Console) -> int:
+    """Copy several recordings into one, by log time."""
+    from acquisition.editing.cut_and_merge import merge
+
+    with console.progress(f"merging {len(options.recordings)} recordings") as reached:
+        report = merge(
+            options.recordings, options.output, progress=lambda done: reached(f"{done:.0%}")
+        )
+    show(console, report, as_json=options.json)
+    return OK

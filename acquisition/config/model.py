@@ -1,0 +1,155 @@
+"""What rover.toml may say: names with units, ranges, defaults. `rover.toml` beside it explains."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from acquisition.messages.codec import MESSAGE_TYPES
+from acquisition.messages.frames import BASE_FRAME
+from acquisition.messages.ros_fields import unit_quaternion
+from drivers.source import SOURCES
+
+# A recording played again is no device, but may stand for some.
+REPLAY_KIND = "replay"
+KINDS = (*SOURCES, REPLAY_KIND)
+
+_Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+_NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
+_Path = Annotated[Path, Field(strict=False)]
+_Count = Annotated[int, Field(ge=1)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class RecordingSection(_Strict):
+    """[recording]: where and how."""
+
+    folder: _Path = Path()
+    name: _Name = "rover"
+    fallback_folders: Annotated[tuple[_Path, ...], Field(strict=False)] = ()
+    flush_ms: Annotated[int, Field(ge=5, le=10_000)] = 50
+    sync_s: Annotated[float, Field(ge=0.1, le=3600.0)] = 1.0
+    split_mb: Annotated[int, Field(ge=0)] = 0
+    split_s: _NotNegative = 300.0
+    ring_s: _NotNegative = 0.0
+    ring_memory_mb: _Count = 512
+    disk_reserve_mb: Annotated[int, Field(ge=0)] = 500
+    queue_mb: _Count = 64
+    require_all: bool = False
+    preflight_s: _Positive = 10.0
+    reconnect_s: _Positive = 1.0
+    realtime_priority: Annotated[int, Field(ge=0, le=99)] = 0
+
+
+class DeviceEntry(BaseModel):
+    """[[devices]]: a kind, and the settings of its driver, which knows them best."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+
+    kind: str
+    name: _Name | None = None
+
+    @field_validator("kind")
+    @classmethod
+    def _is_known(cls, kind: str) -> str:
+        if kind not in KINDS:
+            raise ValueError(f"no device kind {kind!r}; expected one of {', '.join(sorted(KINDS))}")
+        return kind
+
+    def settings(self) -> dict[str, object]:
+        """Return what the driver is constructed with."""
+        name = {} if self.name is None else {"name": self.name}
+        return name | (self.model_extra or {})
+
+
+class Mount(_Strict):
+    """[mounts.FRAME]: where a frame sits in its parent."""
+
+    parent: str = BASE_FRAME
+    position_m: Annotated[tuple[_Finite, _Finite, _Finite], Field(strict=False)]
+    roll_pitch_yaw_deg: Annotated[tuple[_Finite, _Finite, _Finite] | None, Field(strict=False)] = (
+        None
+    )
+    quaternion_wxyz: Annotated[
+        tuple[_Finite, _Finite, _Finite, _Finite] | None, Field(strict=False)
+    ] = None
+    sigma_m: _NotNegative = 0.0
+    sigma_deg: _NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _has_one_rotation(self) -> Self:
+        if (self.roll_pitch_yaw_deg is None) == (self.quaternion_wxyz is None):
+            raise ValueError("give either roll_pitch_yaw_deg or quaternion_wxyz")
+        if self.quaternion_wxyz is not None:
+            unit_quaternion(self.quaternion_wxyz)
+        return self
+
+
+class MapSection(_Strict):
+    """[map]: the settings of `mapping.settings.MapSettings`, without the mount's sigmas."""
+
+    resolution_m: _Positive = 0.04
+    grid: Literal["growing", "scrolling"] = "growing"
+    window_m: _Positive = 6.0
+    memory_limit_mb: _Positive = 4096.0
+    gate_sigma: _Positive = 3.5
+    confirmations: _Count = 3
+    sigma_floor_m: _Positive = 0.0002
+    sigma_ceiling_m: _Positive = 1.0
+    common_correlation_time_s: _NotNegative = 0.3
+    relief_share: _NotNegative = 0.02
+    relief_frames: _NotNegative = 5.0
+    range_min_m: _Positive = 0.4
+    range_max_m: _Positive = 4.0
+    confirmed_frames: _Count = 2
+    confirmed_pixels: _Count = 4
+    uncertain_sigma_m: _Positive = 0.015
+    pose_gap_max_s: _Positive = 0.2
+
+
+class CalibrationSection(_Strict):
+    """[calibration]: files whose contents belong to the recording."""
+
+    depth_noise: _Path | None = None
+    others: Annotated[tuple[_Path, ...], Field(strict=False)] = ()
+
+
+class RoverConfig(_Strict):
+    """The whole file."""
+
+    recording: RecordingSection = RecordingSection()
+    devices: Annotated[tuple[DeviceEntry, ...], Field(strict=False)] = ()
+    mounts: dict[str, Mount] = Field(default_factory=dict)
+    rates_hz: dict[str, _Positive] = Field(default_factory=dict)
+    map: MapSection = MapSection()
+    calibration: CalibrationSection = CalibrationSection()
+
+    @field_validator("mounts")
+    @classmethod
+    def _ends_somewhere(cls, mounts: dict[str, Mount]) -> dict[str, Mount]:
+        for frame in mounts:
+            passed, parent = {frame}, mounts[frame].parent
+            while parent in mounts:
+                if parent in passed:
+                    raise ValueError(f"{frame} sits on itself, by way of {parent}")
+                passed.add(parent)
+                parent = mounts[parent].parent
+            if parent in passed:
+                raise ValueError(f"{frame} sits on itself")
+        return mounts
+
+    @field_validator("rates_hz")
+    @classmethod
+    def _are_topics(cls, rates_hz: dict[str, float]) -> dict[str, float]:
+        topics = [row.topic for row in MESSAGE_TYPES]
+        for topic in rates_hz:
+            if topic not in topics:
+                raise ValueError(f"no topic {topic!r}; expected one of {', '.join(topics)}")
+        return rates_hz

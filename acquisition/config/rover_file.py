@@ -1,0 +1,91 @@
+"""rover.toml: read it, and say file and line of what is wrong with it."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from acquisition.config.model import RoverConfig
+from acquisition.errors import ConfigError
+from drivers.toml_lines import line_of, line_of_syntax_error, lines_of_keys
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedConfig:
+    """A configuration and the file that it came from; relative paths are relative to that."""
+
+    config: RoverConfig
+    path: Path
+    text: str
+
+    def resolve(self, path: Path) -> Path:
+        """Return a path of the configuration as one that can be opened from anywhere."""
+        return self.path.parent / path
+
+    def where(self, *key: str | int) -> str:
+        """Return "FILE:LINE: KEY" for messages."""
+        return f"{self.path}:{line_of(key, lines_of_keys(self.text))}: {_dotted(key)}"
+
+
+def default_text() -> str:
+    """Return a rover.toml that explains every key and sets it to its default."""
+    return files("acquisition.config").joinpath("rover.toml").read_text(encoding="utf-8")
+
+
+def load(path: Path) -> LoadedConfig:
+    """Read a configuration.
+
+    Raises:
+        ConfigError: unreadable, no TOML, or a key or value that is not expected; with file and
+            line of the first problem, and the number of the others.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot read {path}: {error}") from error
+    return parse(text, path)
+
+
+def parse(text: str, path: Path) -> LoadedConfig:
+    """Return the configuration in `text`, which was found at `path`; raises as `load` does."""
+    try:
+        return LoadedConfig(RoverConfig.model_validate(tomllib.loads(text)), path, text)
+    except tomllib.TOMLDecodeError as error:
+        line = line_of_syntax_error(error, text)
+        raise ConfigError(f"{path}:{line}: not TOML: {error}") from error
+    except ValidationError as error:
+        problems = _problems(error, path, text)
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise ConfigError(problems[0] + more) from error
+
+
+def _problems(error: ValidationError, path: Path, text: str) -> list[str]:
+    """Return each problem as "FILE:LINE: KEY: what is wrong", by line."""
+    lines = lines_of_keys(text)
+    found = [
+        (line_of(problem["loc"], lines), problem["loc"], _reason(problem))
+        for problem in error.errors(include_url=False)
+    ]
+    found.sort(key=itemgetter(0))
+    return [f"{path}:{line}: {_dotted(key)}: {reason}" for line, key, reason in found]
+
+
+def _reason(problem: Mapping[str, Any]) -> str:
+    if problem["type"] == "extra_forbidden":
+        return "unknown key"
+    if problem["type"] == "missing":
+        return "is missing"
+    if problem["type"] == "value_error":  # raised by the model; it says what was found
+        return str(problem["ctx"]["error"])
+    return f"{problem['msg']}, found {problem['input']!r}"
+
+
+def _dotted(key: tuple[str | int, ...]) -> str:
+    return ".".join(map(str, key)) or "the file"

@@ -1,0 +1,184 @@
+"""From rover.toml to what the recorder is made of."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+from acquisition.config.model import REPLAY_KIND, DeviceEntry, Mount, RoverConfig
+from acquisition.config.rover_file import LoadedConfig, load
+from acquisition.errors import ConfigError
+from acquisition.messages import codec
+from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, StaticTransform
+from acquisition.messages.ros_fields import unit_quaternion
+from acquisition.recording.disk_output import DiskOutput
+from acquisition.recording.folder_store import MB, DiskSettings
+from acquisition.recording.output import RecordingOutput
+from acquisition.recording.plan import RecordingPlan
+from acquisition.recording.ring_output import RingOutput, RingSettings
+from acquisition.recording.source_worker import WorkerSettings
+from acquisition.replay import Replay
+from acquisition.stream.split_writer import PartLimits
+from drivers.errors import TerravibeError
+from drivers.samples import Float64Array, Sample, frozen_array
+from drivers.source import Source, make_source
+
+_NS_PER_S = 1_000_000_000
+
+
+def sources_of(loaded: LoadedConfig) -> list[Source]:
+    """Construct every device; touches none.
+
+    Raises:
+        ConfigError: there are no devices, or the settings of one do not fit its driver.
+        DriverError: the driver refuses their values.
+    """
+    if not loaded.config.devices:
+        raise ConfigError(f"{loaded.path}: no devices; add a [[devices]] block")
+    return [_source(loaded, i, entry) for i, entry in enumerate(loaded.config.devices)]
+
+
+def _source(loaded: LoadedConfig, number: int, entry: DeviceEntry) -> Source:
+    try:
+        if entry.kind == REPLAY_KIND:
+            replay: Callable[..., Source] = Replay
+            return replay(**entry.settings())
+        return make_source(entry.kind, **entry.settings())
+    except TypeError as error:
+        where = loaded.where("devices", number)
+        raise ConfigError(f"{where}: settings of kind {entry.kind!r}: {error}") from error
+
+
+def static_transforms_of(config: RoverConfig) -> list[StaticTransform]:
+    """Return the mounts as transforms."""
+    return [
+        StaticTransform(mount.parent, frame, frozen_array(mount.position_m, (3,)), _quat(mount))
+        for frame, mount in config.mounts.items()
+    ]
+
+
+def _quat(mount: Mount) -> Float64Array:
+    """Return the mount's rotation as w, x, y, z; roll, pitch, yaw as in REP 103, R = Rz Ry Rx."""
+    if mount.quaternion_wxyz is not None:
+        return unit_quaternion(mount.quaternion_wxyz)
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_euler("xyz", mount.roll_pitch_yaw_deg, degrees=True).as_quat()
+    return frozen_array((w, x, y, z), (4,))
+
+
+def rates_of(config: RoverConfig) -> dict[type[Sample], float]:
+    """Return the expected rates by sample type."""
+    rows = {row.topic: row.sample_type for row in codec.MESSAGE_TYPES}
+    return {
+        kind: rate_hz
+        for topic, rate_hz in config.rates_hz.items()
+        if issubclass(kind := rows[topic], Sample)
+    }
+
+
+def resolved(loaded: LoadedConfig) -> dict[str, object]:
+    """Return every setting, defaults included, as the JSON values that a recording keeps.
+
+    Beside the sections of the file: "depth_noise", the content of that calibration file;
+    "calibration_files", the contents of the others by name; "mount_sigma_m" and
+    "mount_sigma_rad" of the depth camera, by the names that mapping asks for.
+
+    Raises:
+        ConfigError: a calibration file cannot be read.
+    """
+    config = loaded.config
+    settings: dict[str, object] = config.model_dump(mode="json")
+    files = config.calibration
+    if files.depth_noise is not None:
+        settings["depth_noise"] = _json_of(loaded, files.depth_noise)
+    settings["calibration_files"] = {path.name: _json_of(loaded, path) for path in files.others}
+    mount = config.mounts.get(DEPTH_OPTICAL_FRAME)
+    if mount is not None:
+        settings["mount_sigma_m"] = mount.sigma_m
+        settings["mount_sigma_rad"] = math.radians(mount.sigma_deg)
+    return settings
+
+
+def _json_of(loaded: LoadedConfig, path: Path) -> object:
+    try:
+        return json.loads(loaded.resolve(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        where = loaded.where("calibration")
+        raise ConfigError(f"{where}: cannot use calibration file {path}: {error}") from error
+
+
+def plan_of(loaded: LoadedConfig) -> RecordingPlan:
+    """Return how to record.
+
+    Raises:
+        ConfigError: a calibration file cannot be read.
+    """
+    section = loaded.config.recording
+    return RecordingPlan(
+        static_transforms=static_transforms_of(loaded.config),
+        settings=resolved(loaded),
+        rates_hz=rates_of(loaded.config),
+        require_all=section.require_all,
+        flush_interval_s=section.flush_ms * 1e-3,
+        preflight_timeout_s=section.preflight_s,
+        worker=WorkerSettings(
+            queue_limit_bytes=section.queue_mb * MB,
+            reconnect_s=section.reconnect_s,
+            realtime_priority=section.realtime_priority,
+        ),
+    )
+
+
+def recording_path(loaded: LoadedConfig, epoch_ns: int) -> Path:
+    """Return FOLDER/NAME_YYYYMMDDTHHMMSSZ.mcap for a recording that starts at that time.
+
+    A vehicle without a clock may start twice at the same time; then "-2" and so on is added.
+    """
+    section = loaded.config.recording
+    stamp = datetime.fromtimestamp(epoch_ns / _NS_PER_S, UTC).strftime("%Y%m%dT%H%M%SZ")
+    folder = loaded.resolve(section.folder)
+    stem, number = f"{section.name}_{stamp}", 1
+    while any(folder.glob(f"{stem}{_suffix(number)}[._]*")):
+        number += 1
+    return folder / f"{stem}{_suffix(number)}.mcap"
+
+
+def _suffix(number: int) -> str:
+    return "" if number == 1 else f"-{number}"
+
+
+def output_of(loaded: LoadedConfig, path: Path) -> RecordingOutput:
+    """Return where the recording goes: the ring when `ring_s` is given, else the disk."""
+    section = loaded.config.recording
+    reserve_bytes = section.disk_reserve_mb * MB
+    if section.ring_s > 0.0:
+        duration_ns = int(section.ring_s * _NS_PER_S)
+        settings = RingSettings(duration_ns, section.ring_memory_mb * MB, reserve_bytes)
+        return RingOutput(path, settings)
+    limits = PartLimits(section.split_mb * MB, int(section.split_s * _NS_PER_S))
+    folders = tuple(map(loaded.resolve, section.fallback_folders))
+    return DiskOutput(path, DiskSettings(folders, limits, reserve_bytes, section.sync_s))
+
+
+def check(path: Path) -> list[str]:
+    """Return everything that is wrong with a configuration, one line each; touches no device."""
+    try:
+        loaded = load(path)
+    except ConfigError as error:
+        return [str(error)]
+    found: list[str] = []
+    for step in (sources_of, resolved):
+        try:
+            step(loaded)
+        except TerravibeError as error:
+            found.append(str(error))
+    section = loaded.config.recording
+    for folder in (section.folder, *section.fallback_folders):
+        if not loaded.resolve(folder).is_dir():
+            where = loaded.where("recording")
+            found.append(f"{where}: there is no folder {loaded.resolve(folder)}; create it")
+    return found

@@ -1,0 +1,1 @@
+"""New recordings made of parts of others."""

@@ -1,0 +1,182 @@
+"""How a recording is doing: one snapshot a second, from which every view is made."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+from acquisition.health.diagnostics import DeviceStatus, Diagnostics, Level
+from acquisition.health.stream_track import StreamStatistics
+from acquisition.recording.sample_queue import QueueState
+
+# A rate this far below the nominal one is worth a warning.
+_RATE_TOLERANCE = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class StreamHealth:
+    """One kind of sample of one source.
+
+    Attributes:
+        topic: where it is recorded.
+        statistics: its figures.
+        size_bytes: recorded so far, before compression.
+        refused: samples that no message can express.
+    """
+
+    topic: str
+    statistics: StreamStatistics
+    size_bytes: int
+    refused: int
+
+
+@dataclass(frozen=True, slots=True)
+class SourceHealth:
+    """One source.
+
+    Attributes:
+        name: its name.
+        model, serial: the device that answered; "" before it did.
+        state: opening, ready, running, hung (its driver does not return), lost, ended, closed,
+            or refused (it produces what another source produces).
+        error: why it is not running, or "".
+        losses: how often it was lost.
+        silent_s: since its driver last returned.
+        queue: how full its queue is, and what found no room in it.
+        streams: what it produces.
+        clock_skew_ppm: its clock against the host's; None while nobody estimates it.
+        warning: what is not as it was asked for, or "".
+    """
+
+    name: str
+    model: str
+    serial: str
+    state: str
+    error: str
+    losses: int
+    silent_s: float
+    queue: QueueState
+    streams: tuple[StreamHealth, ...]
+    clock_skew_ppm: float | None
+    warning: str
+
+
+@dataclass(frozen=True, slots=True)
+class HealthSnapshot:
+    """Everything at one time.
+
+    Attributes:
+        t_ns: log time.
+        elapsed_s: since recording began.
+        bytes_written: length of the recording.
+        free_bytes: room on its disk.
+        longest_write_s: the longest that the recorder was busy with one flush interval's samples
+            during the last interval; the queues must last for it.
+        sources: each source.
+        warnings: what is wrong with the recording as a whole, one line each.
+    """
+
+    t_ns: int
+    elapsed_s: float
+    bytes_written: int
+    free_bytes: int
+    longest_write_s: float
+    sources: tuple[SourceHealth, ...]
+    warnings: tuple[str, ...]
+
+
+def status_of(source: SourceHealth) -> tuple[Level, str]:
+    """Return how bad it is, and one line that says why; the worst comes first."""
+    if source.state in ("lost", "hung", "refused"):
+        return Level.ERROR, source.error or "its driver does not return"
+    if source.state in ("opening", "ready", "ended", "closed"):
+        return Level.STALE, source.state
+    problems = list(_losses(source))
+    return (Level.WARN, "; ".join(problems)) if problems else (Level.OK, "recording")
+
+
+def _losses(source: SourceHealth) -> list[str]:
+    found = []
+    if source.queue.dropped:
+        found.append(f"{source.queue.dropped} samples dropped, the writer is too slow")
+    if source.losses:
+        found.append(f"lost {source.losses} times")
+    for stream in source.streams:
+        found += _stream_losses(stream)
+    if source.warning:
+        found.append(source.warning)
+    return found
+
+
+def _stream_losses(stream: StreamHealth) -> list[str]:
+    s = stream.statistics
+    found = []
+    if s.nominal_rate_hz and (s.rate_hz or 0.0) < (1.0 - _RATE_TOLERANCE) * s.nominal_rate_hz:
+        found.append(f"{s.rate_hz or 0.0:.1f} Hz instead of {s.nominal_rate_hz:.1f}")
+    if s.gaps:
+        found.append(f"{s.gaps} gaps, {s.gap_s:.3f} s in all")
+    if s.missed:
+        found.append(f"{s.missed} samples missing before they reached the recorder")
+    if s.backwards:
+        found.append(f"{s.backwards} stamps backwards")
+    if stream.refused:
+        found.append(f"{stream.refused} samples not recordable")
+    return [f"{stream.topic}: {text}" for text in found]
+
+
+def as_json(snapshot: HealthSnapshot) -> dict[str, object]:
+    """Return the snapshot as JSON values, under the names of its attributes."""
+    return asdict(snapshot)
+
+
+def diagnostics_of(snapshot: HealthSnapshot) -> Diagnostics:
+    """Return what goes to /diagnostics: the recorder first, then each source."""
+    level = Level.WARN if snapshot.warnings else Level.OK
+    values = {
+        "elapsed_s": f"{snapshot.elapsed_s:.1f}",
+        "bytes_written": str(snapshot.bytes_written),
+        "free_bytes": str(snapshot.free_bytes),
+        "longest_write_s": f"{snapshot.longest_write_s:.4f}",
+    }
+    text = "; ".join(snapshot.warnings) or "recording"
+    recorder = DeviceStatus(level, "recorder", text, "", values)
+    return Diagnostics(snapshot.t_ns, (recorder, *map(_device_status, snapshot.sources)))
+
+
+def _device_status(source: SourceHealth) -> DeviceStatus:
+    level, text = status_of(source)
+    values: dict[str, object] = {
+        "state": source.state,
+        "losses": source.losses,
+        "silent_s": source.silent_s,
+        "queue_samples": source.queue.samples,
+        "queue_bytes": source.queue.size_bytes,
+        "dropped": source.queue.dropped,
+        "clock_skew_ppm": source.clock_skew_ppm,
+    }
+    for stream in source.streams:
+        figures = asdict(stream.statistics) | {
+            "size_bytes": stream.size_bytes,
+            "refused": stream.refused,
+        }
+        values |= {f"{stream.topic} {name}": value for name, value in figures.items()}
+    return DeviceStatus(level, source.name, text, source.serial, _as_text(values))
+
+
+def _as_text(values: Mapping[str, object]) -> dict[str, str]:
+    """Return the values as text; floats to six digits, what is unknown left out."""
+    return {
+        key: f"{value:.6g}" if isinstance(value, float) else str(value)
+        for key, value in values.items()
+        if value is not None
+    }
+
+
+def statistics_record(snapshot: HealthSnapshot) -> dict[str, str]:
+    """Return the metadata record that ends a recording: "recorder" and "source.NAME", as JSON."""
+    whole = {"elapsed_s": snapshot.elapsed_s, "warnings": list(snapshot.warnings)}
+    record = {"recorder": json.dumps(whole)}
+    return record | {
+        f"source.{source.name}": json.dumps(asdict(source)) for source in snapshot.sources
+    }

@@ -1,0 +1,1 @@
+"""Samples to and from ROS 2 messages."""

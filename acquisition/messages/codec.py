@@ -1,0 +1,234 @@
+"""Samples to and from ROS 2 messages (CDR), one table row for each topic.
+
+A further sample type needs one function each way and one row in `MESSAGE_TYPES`.
+
+What a ROS message has no room for travels elsewhere: the sequence number is the `sequence` of
+the MCAP message record, and further fields are in a message of their own, a companion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+from rosbags.serde import SerdeError
+
+from acquisition.clocks.clock_sample import ClockSample
+from acquisition.errors import StreamError
+from acquisition.health.diagnostics import Diagnostics, decode_diagnostics, encode_diagnostics
+from acquisition.messages.clock import CLOCK_TYPE, decode_clock, encode_clock
+from acquisition.messages.companions import Companion
+from acquisition.messages.depth import (
+    TICKS_TYPE,
+    CameraInfo,
+    DepthImage,
+    decode_camera,
+    decode_depth,
+    decode_ticks,
+    encode_camera,
+    encode_depth,
+    encode_ticks,
+)
+from acquisition.messages.frames import StaticTransforms
+from acquisition.messages.gyro import (
+    RAW_TYPE,
+    decode_gyro_raw,
+    decode_yaw_rate,
+    encode_gyro_raw,
+    encode_yaw_rate,
+)
+from acquisition.messages.motion import (
+    decode_acceleration,
+    decode_pose,
+    decode_transforms,
+    encode_acceleration,
+    encode_pose,
+    encode_transforms,
+)
+from acquisition.messages.ros_fields import MAX_UINT32
+from acquisition.messages.ros_types import typestore as typestore
+from acquisition.messages.vibration import VIBRATION_TYPE, decode_vibration, encode_vibration
+from acquisition.messages.wheels import (
+    CAN_TYPE,
+    SPEEDS_TYPE,
+    decode_can,
+    decode_speeds,
+    decode_twist,
+    encode_can,
+    encode_speeds,
+    encode_twist,
+)
+from drivers.samples import (
+    AccelerationSample,
+    CanFrameSample,
+    DepthFrame,
+    PoseSample,
+    Sample,
+    VibrationSample,
+    WheelTwistSample,
+    YawRateSample,
+)
+
+Record = DepthImage | CameraInfo | Companion | Sample | StaticTransforms | ClockSample | Diagnostics
+Recordable = Sample | StaticTransforms | ClockSample | Diagnostics
+_UNNUMBERED = (StaticTransforms, Diagnostics)
+
+
+@dataclass(frozen=True, slots=True)
+class MessageType:
+    """One row of the table.
+
+    Attributes:
+        topic: where the message is published.
+        ros_type: its ROS 2 type, "package/msg/Name".
+        sample_type: the type of which `encode` makes this message.
+        encode: sample to ROS message object, or None where the sample has nothing to say here;
+            ValueError with the reason.
+        decode: ROS message object and sequence number to record; ValueError with the reason.
+    """
+
+    topic: str
+    ros_type: str
+    sample_type: type[Recordable]
+    encode: Callable[[Any], object | None]
+    decode: Callable[[Any, int], Record]
+
+
+class EncodedMessage(NamedTuple):
+    """A message ready to be written: its topic and its CDR bytes."""
+
+    topic: str
+    cdr: bytes
+
+
+@cache
+def schema_text(ros_type: str) -> str:
+    """Return the ros2msg definition of a type, its parts included."""
+    return typestore().generate_msgdef(ros_type, ros_version=2)[0]
+
+
+def types_of(sample_types: Sequence[type[Recordable]]) -> list[MessageType]:
+    """Return the rows that those sample types are written as, in the table's order."""
+    return [row for row in MESSAGE_TYPES if row.sample_type in sample_types]
+
+
+def rows_of(kind: type[Recordable]) -> Sequence[MessageType]:
+    """Return the rows that one sample type is written as; the same as `types_of`, but quick."""
+    if kind not in _BY_SAMPLE_TYPE:
+        _BY_SAMPLE_TYPE[kind] = types_of([kind])
+    return _BY_SAMPLE_TYPE[kind]
+
+
+def encode(sample: Recordable) -> list[EncodedMessage]:
+    """Return the messages that stand for one sample, in the order to be written.
+
+    Raises:
+        StreamError: the sample cannot be told as a message (time or sequence out of range,
+            not finite, wrong shape); names the topic and the time.
+    """
+    encoded = [_serialise(row, sample) for row in rows_of(type(sample))]
+    return [message for message in encoded if message is not None]
+
+
+def _serialise(row: MessageType, sample: Recordable) -> EncodedMessage | None:
+    try:
+        message = row.encode(sample)
+        if message is None:
+            return None
+        cdr = typestore().serialize_cdr(message, row.ros_type, little_endian=True)
+        return EncodedMessage(row.topic, bytes(cdr))
+    except ValueError as error:
+        raise StreamError(f"cannot write {row.topic} at {sample.t_ns} ns: {error}") from error
+
+
+def decode(row: MessageType, cdr: bytes, *, log_time_ns: int, sequence: int) -> Record:
+    """Return what one message says; pure, and its arrays are read-only.
+
+    Raises:
+        StreamError: not such a message, or its values make no sense; names topic and log time.
+    """
+    try:
+        return row.decode(typestore().deserialize_cdr(cdr, row.ros_type), sequence)
+    except (SerdeError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise StreamError(f"bad message on {row.topic} at {log_time_ns} ns: {reason}") from error
+
+
+def checked_sequence(sample: Recordable) -> int:
+    """Return the sample's sequence number; 0 for what has none.
+
+    Raises:
+        StreamError: it does not fit the 32 bits that the stream has for it.
+    """
+    if isinstance(sample, _UNNUMBERED):
+        return 0
+    if not 0 <= sample.sequence <= MAX_UINT32:  # the MCAP message record holds a uint32
+        raise StreamError(
+            f"{type(sample).__name__} has sequence {sample.sequence}; expected 0 to 2^32-1"
+        )
+    return sample.sequence
+
+
+# Cameras and companions come before the main message that they belong to.
+MESSAGE_TYPES: tuple[MessageType, ...] = (
+    MessageType(
+        "/tf_static",
+        "tf2_msgs/msg/TFMessage",
+        StaticTransforms,
+        encode_transforms,
+        decode_transforms,
+    ),
+    MessageType(
+        "/depth/camera_info",
+        "sensor_msgs/msg/CameraInfo",
+        DepthFrame,
+        encode_camera,
+        decode_camera,
+    ),
+    MessageType("/depth/ticks", TICKS_TYPE, DepthFrame, encode_ticks, decode_ticks),
+    MessageType("/depth/image", "sensor_msgs/msg/Image", DepthFrame, encode_depth, decode_depth),
+    MessageType(
+        "/mocap/pose",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        PoseSample,
+        encode_pose,
+        decode_pose,
+    ),
+    MessageType(
+        "/acceleration",
+        "sensor_msgs/msg/Imu",
+        AccelerationSample,
+        encode_acceleration,
+        decode_acceleration,
+    ),
+    MessageType("/vibration", VIBRATION_TYPE, VibrationSample, encode_vibration, decode_vibration),
+    MessageType("/gyro/raw", RAW_TYPE, YawRateSample, encode_gyro_raw, decode_gyro_raw),
+    MessageType("/gyro", "sensor_msgs/msg/Imu", YawRateSample, encode_yaw_rate, decode_yaw_rate),
+    MessageType("/can", CAN_TYPE, CanFrameSample, encode_can, decode_can),
+    MessageType("/wheels/speeds", SPEEDS_TYPE, WheelTwistSample, encode_speeds, decode_speeds),
+    MessageType(
+        "/wheels",
+        "geometry_msgs/msg/TwistWithCovarianceStamped",
+        WheelTwistSample,
+        encode_twist,
+        decode_twist,
+    ),
+    MessageType("/clock", CLOCK_TYPE, ClockSample, encode_clock, decode_clock),
+    MessageType(
+        "/diagnostics",
+        "diagnostic_msgs/msg/DiagnosticArray",
+        Diagnostics,
+        encode_diagnostics,
+        decode_diagnostics,
+    ),
+)
+
+_BY_SAMPLE_TYPE: dict[type[Recordable], list[MessageType]] = {}
+_BY_TOPIC_AND_TYPE = {(row.topic, row.ros_type): row for row in MESSAGE_TYPES}
+
+
+def find(topic: str, ros_type: str) -> MessageType | None:
+    """Return the row of a topic that carries the expected type, or None."""
+    return _BY_TOPIC_AND_TYPE.get((topic, ros_type))

@@ -1,0 +1,66 @@
+"""One source's samples on their way into the stream: recording time, numbers, statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+from acquisition.clocks.recorder_clock import Clock
+from acquisition.health.stream_track import StreamStatistics, StreamTrack
+from acquisition.messages.codec import Recordable
+from acquisition.recording.sample_queue import Batch
+from drivers.samples import Sample
+
+
+class Stamped(NamedTuple):
+    """Something to be written, and the time by which the stream is ordered."""
+
+    log_time_ns: int
+    record: Recordable
+
+
+class Intake:
+    """Turns the batches of one source into what is written.
+
+    A live source stamps with the monotonic clock, which means nothing to others; in the stream
+    every stamp is in the clock's log time. Samples that carry recorded times keep them.
+    """
+
+    def __init__(self, clock: Clock, rates_hz: Mapping[type[Sample], float]) -> None:
+        """Expect these rates; where one is missing, what the source itself says."""
+        self._clock = clock
+        self._rates_hz = rates_hz
+        self._tracks: dict[type[Sample], StreamTrack] = {}
+        self._reopened: set[type[Sample]] = set()
+
+    def stamped(self, batch: Batch) -> list[Stamped]:
+        """Return the batch's samples as they go into the stream."""
+        dropped = batch.dropped_before
+        if batch.reopened:
+            self._reopened = set(self._tracks)
+        live = batch.info.time_base == "monotonic"
+        stamped: list[Stamped] = []
+        for sample in batch.samples:
+            kind = type(sample)
+            sequence, dropped_here = self._track(kind, batch).accept(
+                sample.t_ns,
+                sample.sequence,
+                reopened=kind in self._reopened,
+                dropped=dropped,
+            )
+            dropped -= dropped_here
+            self._reopened.discard(kind)
+            t_ns = self._clock.log_time_ns(sample.t_ns) if live else sample.t_ns
+            stamped.append(Stamped(t_ns, replace(sample, t_ns=t_ns, sequence=sequence)))
+        return stamped
+
+    def _track(self, kind: type[Sample], batch: Batch) -> StreamTrack:
+        if kind not in self._tracks:
+            announced = batch.info.nominal_rate_hz.get(kind)
+            self._tracks[kind] = StreamTrack(self._rates_hz.get(kind, announced))
+        return self._tracks[kind]
+
+    def end_interval(self, duration_s: float) -> dict[type[Sample], StreamStatistics]:
+        """Return the figures of each stream and begin the next interval."""
+        return {kind: track.end_interval(duration_s) for kind, track in self._tracks.items()}

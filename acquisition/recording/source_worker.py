@@ -1,0 +1,139 @@
+"""One source's thread: open it, read it, find it again when it is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from threading import Event, Thread
+from typing import Literal
+
+from acquisition.clocks.recorder_clock import Clock
+from acquisition.recording.sample_queue import SampleQueue
+from acquisition.recording.thread_priority import raise_priority
+from drivers.errors import DriverError, EndOfSource, TerravibeError
+from drivers.source import Source, SourceInfo
+
+WorkerState = Literal["opening", "ready", "running", "lost", "ended", "closed"]
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerSettings:
+    """How a source is treated.
+
+    Attributes:
+        queue_limit_bytes: memory that samples may take while they wait to be written.
+        read_timeout_s: longest wait in one read; a stop is noticed within it.
+        reconnect_s: pause between two attempts to open a source.
+        realtime_priority: SCHED_FIFO priority of the thread, 0 = none.
+    """
+
+    queue_limit_bytes: int = 64 << 20
+    read_timeout_s: float = 0.1
+    reconnect_s: float = 1.0
+    realtime_priority: int = 0
+
+
+class SourceWorker:
+    """Reads one source in a thread of its own, so that its failures and pauses stay its own.
+
+    Attributes:
+        queue: where the samples are.
+        state: what the thread is doing.
+        info: what the source said when it was last opened; None before that.
+        error: why it was last lost or could not be opened; "" while all is well.
+        losses: how often it was lost after it had been opened.
+        answered_ns: when its last read returned, by the monotonic clock.
+        warning: why the thread runs without the priority that was asked for, or "".
+    """
+
+    def __init__(self, source: Source, clock: Clock, settings: WorkerSettings) -> None:
+        self.name = source.name
+        self.queue = SampleQueue(settings.queue_limit_bytes)
+        self.state: WorkerState = "opening"
+        self.info: SourceInfo | None = None
+        self.error = ""
+        self.losses = 0
+        self.answered_ns = clock.now_ns()
+        self.warning = ""
+        self._source = source
+        self._clock = clock
+        self._settings = settings
+        self._go = Event()
+        self._stop = Event()
+        self._tried = Event()
+        # A daemon, because a driver that hangs in a dead device must not keep the program alive.
+        self._thread = Thread(target=self._live, name=f"source {self.name}", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread, which opens the source and then waits for `go`."""
+        self._thread.start()
+
+    def wait_until_tried(self, timeout_s: float) -> bool:
+        """Wait for the first attempt to open the source; false when it takes too long."""
+        return self._tried.wait(timeout_s)
+
+    def go(self) -> None:
+        """Begin to read."""
+        self._go.set()
+
+    def stop(self) -> None:
+        """Ask the thread to close the source and end; does not wait."""
+        self._stop.set()
+        self._go.set()
+
+    def join(self, timeout_s: float) -> bool:
+        """Wait for the thread; false when it hangs."""
+        if self._thread.ident is not None:
+            self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _live(self) -> None:
+        self.warning = raise_priority(self._settings.realtime_priority)
+        while not self._stop.is_set():
+            self._survives(self._serve)
+            self._tried.set()
+            ended = self.state == "ended"
+            self._survives(self._source.close)
+            if ended:
+                self.state = "ended"
+                return
+            self._stop.wait(self._settings.reconnect_s)
+        self.state = "closed"
+
+    def _survives(self, step: Callable[[], None]) -> None:
+        """Run a step of the driver; whatever it raises is kept as the error of this source."""
+        try:
+            step()
+        except EndOfSource:
+            self.state = "ended"
+        except TerravibeError as error:
+            self._lost(str(error))
+        except Exception as error:  # noqa: BLE001 - a driver's defect must not end the others' recording
+            self._lost(f"{self.name}: defect in the driver: {type(error).__name__}: {error}")
+
+    def _lost(self, error: str) -> None:
+        self.losses += self.state == "running"
+        self.state = "lost"
+        self.error = error
+
+    def _serve(self) -> None:
+        """Open the source, wait until reading may begin, and read until something ends it."""
+        info = self._source.open()
+        if not info.produces:
+            raise DriverError(f"{self.name}: produces no samples")
+        self.info = info
+        self.error = ""
+        self.state = "ready"
+        self._tried.set()
+        self._go.wait()
+        self._read(info)
+
+    def _read(self, info: SourceInfo) -> None:
+        reopened = self.losses > 0
+        self.state = "running"
+        while not self._stop.is_set():
+            samples = self._source.read(self._settings.read_timeout_s)
+            self.answered_ns = self._clock.now_ns()
+            if samples:
+                self.queue.put(info, samples, reopened=reopened)
+                reopened = False

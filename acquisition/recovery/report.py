@@ -1,0 +1,96 @@
+"""What was saved of a damaged recording, and what was not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+from acquisition.stream.read_report import Damage
+
+
+@dataclass(frozen=True, slots=True)
+class RecoveryReport:
+    """The result of `recover`.
+
+    Attributes:
+        source: the damaged recording.
+        output: where the rest of it is now.
+        size_bytes: length of the damaged recording.
+        messages: messages saved for each topic, those without a checksum included.
+        expected: messages for each topic by the recording's own summary; None where that is
+            lost too.
+        unproven: messages saved for each topic that no checksum vouches for: they have the right
+            form and lie between other records, and may still hold a wrong bit.
+        undefined: messages left out for each channel number that nothing defines any more.
+        without_schema: topics whose schema is lost; their messages are saved without.
+        attachments: attachments saved.
+        metadata: metadata records saved.
+        damaged: what was left out: where, how much, why.
+        lost_chunks: the chunks among it, with their times where something trustworthy tells them.
+        doubted: the checksum over all of the data is wrong although no damage was found; then
+            something without a checksum of its own is wrong.
+        restored: chunks whose head was damaged and whose content was not; they are saved.
+        complete: the damaged recording had its proper end.
+    """
+
+    source: str
+    output: str
+    size_bytes: int
+    messages: Mapping[str, int]
+    expected: Mapping[str, int] | None
+    unproven: Mapping[str, int]
+    undefined: Mapping[int, int]
+    without_schema: tuple[str, ...]
+    attachments: int
+    metadata: int
+    damaged: tuple[Damage, ...]
+    lost_chunks: tuple[Damage, ...]
+    doubted: bool
+    restored: int
+    complete: bool
+
+    @property
+    def skipped_bytes(self) -> int:
+        """How much was left out."""
+        return sum(damage.length_bytes for damage in self.damaged)
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing was wrong with the recording."""
+        left_out = self.damaged or self.undefined or self.without_schema
+        return self.complete and not (left_out or self.doubted or self.restored)
+
+    def as_json(self) -> dict[str, object]:
+        """Return the report as JSON values, under the names of its attributes."""
+        return asdict(self) | {"skipped_bytes": self.skipped_bytes, "sound": self.sound}
+
+    def describe(self) -> list[str]:
+        """Return the report as lines for people; what was saved comes first."""
+        total = sum(self.messages.values())
+        lines = [f"{self.output}: {total} messages of {self.source} ({self.size_bytes} bytes)"]
+        lines += [self._topic_line(topic) for topic in sorted({*self.messages, *self._announced})]
+        lines.append(f"  {self.metadata} metadata records, {self.attachments} attachments")
+        lines += [f"left out: {damage.describe()}" for damage in self.damaged]
+        lines += [f"lost chunk: {damage.describe()}" for damage in self.lost_chunks]
+        lines += [
+            f"left out: {number} messages of channel {channel}, which nothing defines"
+            for channel, number in self.undefined.items()
+        ]
+        lines += [f"{topic}: its schema is lost" for topic in self.without_schema]
+        if self.unproven:
+            lines.append(f"{sum(self.unproven.values())} messages have no checksum")
+        if self.doubted:
+            lines.append("the checksum of the data differs: what has no checksum may be wrong")
+        if self.restored:
+            lines.append(f"{self.restored} chunks had a damaged head and are saved")
+        if not self.complete:
+            lines.append("the recording had no proper end; the copy has one")
+        return lines
+
+    @property
+    def _announced(self) -> Mapping[str, int]:
+        return self.expected or {}
+
+    def _topic_line(self, topic: str) -> str:
+        line = f"  {topic}: {self.messages.get(topic, 0)} messages"
+        return f"{line} of {self._announced[topic]}" if topic in self._announced else line

@@ -1,0 +1,1 @@
+"""The MCAP stream: one writer, one reader, parts of a recording."""

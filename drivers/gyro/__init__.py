@@ -1,0 +1,1 @@
+"""Single-axis yaw gyros on I2C."""

@@ -1,0 +1,1 @@
+"""Triaxial vibration sensors on a serial port, described by profile files."""

@@ -1,0 +1,1 @@
+"""Wheel odometry from the vehicle's CAN bus."""

@@ -1,0 +1,1 @@
+"""What follows from the heights: slope and kin, gaps closed."""

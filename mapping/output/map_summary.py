@@ -1,0 +1,146 @@
+"""A map, and the run that made it, in a few lines."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from mapping.cells.elevation_map import CellState, ElevationMap
+from mapping.session import MapResult
+
+
+@dataclass(frozen=True, slots=True)
+class MapSummary:
+    """What a map holds.
+
+    Attributes:
+        x_m, y_m: first and last cell centre.
+        resolution_m: edge of a cell.
+        cells: number of cells for each state but "unknown".
+        height_m: smallest and largest height of confirmed cells; zeros without any.
+        sigma_median_m: median sigma of confirmed cells; 0 without any.
+        sha256: of the map's arrays.
+        attributes: how the map was made.
+    """
+
+    x_m: tuple[float, float]
+    y_m: tuple[float, float]
+    resolution_m: float
+    cells: dict[str, int]
+    height_m: tuple[float, float]
+    sigma_median_m: float
+    sha256: str
+    attributes: dict[str, str | int | float]
+
+    def as_json(self) -> dict[str, object]:
+        """Return the summary as JSON values, under the names of its attributes."""
+        return asdict(self)
+
+    def describe(self) -> list[str]:
+        """Return the summary as lines for people."""
+        return [
+            *self.headline(),
+            *(f"  {key} = {value}" for key, value in self.attributes.items()),
+        ]
+
+    def headline(self) -> list[str]:
+        """Return size, heights and checksum, without how the map was made."""
+        cells = ", ".join(f"{count} {name}" for name, count in self.cells.items())
+        size_x, size_y = (high - low + self.resolution_m for low, high in (self.x_m, self.y_m))
+        heights = (
+            f"  heights {self.height_m[0]:.3f} to {self.height_m[1]:.3f} m, "
+            f"median sigma {1000 * self.sigma_median_m:.1f} mm"
+        )
+        return [
+            f"  {size_x:.2f} m x {size_y:.2f} m at {self.resolution_m} m; cells: {cells}",
+            heights,
+            f"  sha256 {self.sha256}",
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class RunSummary:
+    """A map and what became of the stream that it was made from.
+
+    Attributes:
+        output: the map's file.
+        map: what it holds.
+        counts: the mapper's counts; see `mapping.mapper.MapperCounts`.
+        warnings: everything that was not mapped, one line each.
+    """
+
+    output: str
+    map: MapSummary
+    counts: dict[str, int]
+    warnings: tuple[str, ...]
+
+    def as_json(self) -> dict[str, object]:
+        """Return the summary as JSON values, under the names of its attributes."""
+        return asdict(self)
+
+    def describe(self) -> list[str]:
+        """Return the summary as lines for people."""
+        c = self.counts
+        became = (
+            f"{self.output}: {c['frames']} depth frames, {c['readings'] / 1e6:.2f} M readings, "
+            f"{c['updates']} cell updates, {c['rejected']} rejected, {c['replaced']} replaced"
+        )
+        return [became, *self.map.headline()]
+
+
+def summarise(map_: ElevationMap) -> MapSummary:
+    """Return what a map holds."""
+    confirmed = np.isin(map_.state, (CellState.MEASURED, CellState.UNCERTAIN))
+    heights = map_.elevation_m[confirmed]
+    extremes = (float(heights.min()), float(heights.max())) if heights.size else (0.0, 0.0)
+    sigma = float(np.median(map_.sigma_m[confirmed])) if heights.size else 0.0
+    return MapSummary(
+        x_m=(float(map_.x_m[0]), float(map_.x_m[-1])),
+        y_m=(float(map_.y_m[0]), float(map_.y_m[-1])),
+        resolution_m=map_.resolution_m,
+        cells={
+            state.name.lower(): int(np.count_nonzero(map_.state == state))
+            for state in CellState
+            if state != CellState.UNKNOWN
+        },
+        height_m=extremes,
+        sigma_median_m=sigma,
+        sha256=map_.sha256(),
+        attributes=dict(map_.attributes),
+    )
+
+
+def summarise_run(result: MapResult, output: str) -> RunSummary:
+    """Return what a run made, and everything that it left out."""
+    return RunSummary(
+        output=output,
+        map=summarise(result.map),
+        counts=asdict(result.counts),
+        warnings=tuple(_warnings(result)),
+    )
+
+
+def _warnings(result: MapResult) -> list[str]:
+    report, counts = result.report, result.counts
+    lines = [f"not mapped, damaged: {damage.describe()}" for damage in report.damaged]
+    if not report.complete:
+        lines.append(
+            f"{report.name} has no proper end: mapped up to the last whole part, "
+            f"{report.bytes_read} bytes; {report.truncated_bytes} bytes behind it were not used"
+        )
+    if report.late_messages:
+        lines.append(
+            f"{report.late_messages} messages came more than the reorder window late and were "
+            "not mapped; use a larger --reorder-window-s"
+        )
+    if report.unprotected_messages:
+        lines.append(f"{report.unprotected_messages} messages have no checksum")
+    if counts.frames_without_pose:
+        lines.append(
+            f"{counts.frames_without_pose} depth frames have no pose within "
+            f"{result.settings.pose_gap_max_s} s around them and were not mapped"
+        )
+    if counts.poses_out_of_order:
+        lines.append(f"{counts.poses_out_of_order} poses came out of order and were not used")
+    return lines

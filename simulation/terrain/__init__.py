@@ -1,0 +1,1 @@
+"""Ground whose height is known everywhere."""

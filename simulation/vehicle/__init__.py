@@ -1,0 +1,1 @@
+"""The rover as a physical body: wheels, soil, drive commands."""
