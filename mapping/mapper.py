@@ -5,7 +5,9 @@ Only sensor time enters. Live and offline differ in where the samples come from,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from acquisition.messages.codec import Recordable
 from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, MOCAP_BODY_FRAME, StaticTransforms
@@ -17,6 +19,9 @@ from mapping.cells.update_kernels import fuse
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
 from mapping.measurement import FrameReducer, View
+from mapping.motion.ledger import MotionLedger
+from mapping.motion.pose_errors import ABSOLUTE, PoseErrorModel
+from mapping.motion.relative import RelativeMotion
 from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
 from mapping.pose_track import PoseTrack
@@ -38,6 +43,8 @@ class MapperCounts:
         readings_outside: readings of them that fell outside the grid.
         updates: cell updates. rejected: those that went to a second hypothesis. replaced: second
             hypotheses that took over.
+        motions: relative motions taken. motions_clipped: those whose covariance had a negative
+            eigenvalue.
     """
 
     frames: int = 0
@@ -49,20 +56,29 @@ class MapperCounts:
     updates: int = 0
     rejected: int = 0
     replaced: int = 0
+    motions: int = 0
+    motions_clipped: int = 0
 
 
 class Mapper:
     """Fuses depth frames, seen from known poses, into a grid."""
 
-    def __init__(self, settings: MapSettings, noise: DepthNoiseModel) -> None:
-        """Start with an empty map.
+    def __init__(
+        self,
+        settings: MapSettings,
+        noise: DepthNoiseModel,
+        pose_errors: PoseErrorModel = ABSOLUTE,
+    ) -> None:
+        """Start with an empty map; `pose_errors` as suits the source of the poses.
 
         Raises:
             MappingError: the ranges of settings and noise model have nothing in common.
         """
         self.settings = settings
         self.noise = _within_both_ranges(settings, noise)
+        self.pose_errors = pose_errors
         self.counts = MapperCounts()
+        self._ledger = MotionLedger(with_covariance=pose_errors.motion_covariance)
         self._grid = make_grid(settings)
         self._fusion = fusion_constants(settings)
         self._poses = PoseTrack(round(settings.pose_gap_max_s * 1e9))
@@ -86,6 +102,19 @@ class Mapper:
         elif isinstance(sample, DepthFrame):
             self._waiting.append(sample)
         self._map_ready_frames(sample.t_ns)
+
+    def move(self, motion: RelativeMotion) -> None:
+        """Take the rover's motion since the last one, with or without depth in between.
+
+        Call it before the frame at the motion's end is mapped. Heights do not move; the cells'
+        places relative to the rover become uncertain, as `pose_errors` says.
+
+        Raises:
+            MappingError: a number is not finite, or the way is negative.
+        """
+        self._ledger.add(motion)
+        self.counts.motions += 1
+        self.counts.motions_clipped = self._ledger.clipped
 
     def finish(self) -> None:
         """Map the frames that can be mapped and count the rest; the stream is over."""
@@ -126,6 +155,8 @@ class Mapper:
 
     def _map(self, frame: DepthFrame, pose: UncertainPose) -> None:
         """One depth frame's walk: readings, footprint, sums per cell, update."""
+        if not self.pose_errors.pose_covariance:
+            pose = replace(pose, covariance=np.zeros((6, 6)))
         reducer = self._reducer_for(frame.camera)
         mount = self._mounts.lookup(MOCAP_BODY_FRAME, DEPTH_OPTICAL_FRAME)
         view = View(pose, pose.transform @ mount)
@@ -134,7 +165,7 @@ class Mapper:
         window = self._grid.prepare(reducer.footprint(view), rover_x_m, rover_y_m)
         sums, inside = reducer.reduce(view, window)
         constants = reducer.frame_constants(view, window, self._grid.position(window))
-        result = fuse(sums, constants, self._fusion, self._grid.layers)
+        result = fuse(sums, constants, self._fusion, self._grid.layers, self._ledger.motions)
         self.counts.frames += 1
         self.counts.readings += readings
         self.counts.readings_outside += readings - inside

@@ -39,6 +39,11 @@ class Motions(NamedTuple):
     anchor_y_m: float
 
 
+def at_rest() -> Motions:
+    """Return the sums of a rover that has not moved, or whose poses are absolute."""
+    return MotionLedger(with_covariance=False).motions
+
+
 class MotionLedger:
     """Adds up motions. Its rows are kept for the run: 64 bytes for every motion."""
 
