@@ -21,6 +21,7 @@ from mapping.geometry import UncertainPose
 from mapping.measurement import FrameReducer, View
 from mapping.motion.ledger import MotionLedger
 from mapping.motion.pose_errors import ABSOLUTE, PoseErrorModel
+from mapping.motion.read_out import Rover
 from mapping.motion.relative import RelativeMotion
 from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
@@ -79,6 +80,7 @@ class Mapper:
         self.pose_errors = pose_errors
         self.counts = MapperCounts()
         self._ledger = MotionLedger(with_covariance=pose_errors.motion_covariance)
+        self._rover_m = (0.0, 0.0)
         self._grid = make_grid(settings)
         self._fusion = fusion_constants(settings)
         self._poses = PoseTrack(round(settings.pose_gap_max_s * 1e9))
@@ -113,6 +115,7 @@ class Mapper:
             MappingError: a number is not finite, or the way is negative.
         """
         self._ledger.add(motion)
+        self._rover_m = (float(motion.position_m[0]), float(motion.position_m[1]))
         self.counts.motions += 1
         self.counts.motions_clipped = self._ledger.clipped
 
@@ -130,7 +133,8 @@ class Mapper:
         """
         if self.counts.frames == 0:
             raise MappingError(self._why_nothing())
-        return read_out(self._grid, self.settings, attributes or {})
+        rover = Rover(*self._rover_m, self._ledger.motions, self.pose_errors)
+        return read_out(self._grid, self.settings, attributes or {}, rover)
 
     def _map_ready_frames(self, now_ns: int) -> None:
         """Map waiting frames that a pose at or after their time, or patience, has released.
@@ -161,7 +165,8 @@ class Mapper:
         mount = self._mounts.lookup(MOCAP_BODY_FRAME, DEPTH_OPTICAL_FRAME)
         view = View(pose, pose.transform @ mount)
         readings = reducer.load(frame.depth_mm)
-        rover_x_m, rover_y_m, _ = pose.transform.translation_m
+        rover_x_m, rover_y_m, _ = pose.transform.translation_m.tolist()
+        self._rover_m = (rover_x_m, rover_y_m)
         window = self._grid.prepare(reducer.footprint(view), rover_x_m, rover_y_m)
         sums, inside = reducer.reduce(view, window)
         constants = reducer.frame_constants(view, window, self._grid.position(window))

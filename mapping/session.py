@@ -148,6 +148,10 @@ def _attributes(mapper: Mapper, report: ReadReport) -> dict[str, str | int | flo
         f"setting_{name}": value for name, value in asdict(mapper.settings).items()
     }
     attributes |= {f"noise_{name}": value for name, value in asdict(mapper.noise).items()}
+    attributes |= {
+        f"pose_error_{name}": int(value) if isinstance(value, bool) else value
+        for name, value in asdict(mapper.pose_errors).items()
+    }
     attributes |= {f"input_{name}": value for name, value in asdict(mapper.counts).items()}
     attributes["input_complete"] = int(report.complete)
     attributes["input_truncated_bytes"] = report.truncated_bytes

@@ -23,6 +23,7 @@ _POSITIVE = (
     "confirmed_frames",
     "confirmed_pixels",
     "uncertain_sigma_m",
+    "horizontal_share",
     "pose_gap_max_s",
 )
 _NOT_NEGATIVE = (
@@ -63,6 +64,8 @@ class MapSettings:
         confirmed_frames, confirmed_pixels: a cell with fewer is "unconfirmed".
         uncertain_sigma_m: a cell known no better than this is "uncertain"; the default keeps the
             3-sigma bounds of "measured" cells within +-4.5 cm, below a small rover's clearance.
+        horizontal_share: variance of a cell's place along x and y from the start, in squares of
+            its edge: 1/4 is paper eq. 17, (d/2)^2; 1/12 is a reading anywhere in the cell.
         pose_gap_max_s: poses are not interpolated across a longer gap; such frames are left out.
     """
 
@@ -84,6 +87,7 @@ class MapSettings:
     confirmed_frames: int = 2
     confirmed_pixels: int = 4
     uncertain_sigma_m: float = 0.015
+    horizontal_share: float = 0.25
     pose_gap_max_s: float = 0.2
 
     def __post_init__(self) -> None:

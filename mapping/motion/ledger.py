@@ -53,7 +53,6 @@ class MotionLedger:
         self._sums = np.zeros((_FIRST_ROWS, 8))
         self._now = 0
         self._anchor: tuple[float, float] | None = None
-        self.position_m: Float64Array | None = None
         self.clipped = 0
 
     @property
@@ -69,7 +68,6 @@ class MotionLedger:
             MappingError: a number is not finite, or the way is negative.
         """
         _check(motion)
-        self.position_m = motion.position_m
         anchor_x, anchor_y = self._anchor = self._anchor or (
             float(motion.position_m[0]),
             float(motion.position_m[1]),

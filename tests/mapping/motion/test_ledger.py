@@ -90,4 +90,3 @@ def test_a_motion_that_is_none_is_refused_and_changes_nothing(motion: RelativeMo
     with pytest.raises(MappingError, match="motion that ends at 7 ns"):
         ledger.add(motion)
     assert ledger.motions.now == 0
-    assert ledger.position_m is None
