@@ -174,7 +174,11 @@ def _challenge(
 
 @njit(inline="always")
 def _agrees(known: Known, m: Measurement, f: FusionConstants) -> bool:
-    """Gate: squared innovation against the variance of both sides, all in m^2."""
+    """Gate: squared innovation against the variance of both sides, all in m^2.
+
+    The constant errors count with |s|^2 + |m|^2 although both sides share them and the innovation's
+    part is |s - m|^2: real frames of a moving camera differ by more than the model knows of.
+    """
     innovation = m.height_m - known.height_m
     variance = known.variance_m2 + m.own_m2 + m.common_m2
     variance += _dot(known.systematic, known.systematic) + _dot(m.systematic, m.systematic)
