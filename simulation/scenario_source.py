@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -26,6 +27,7 @@ from simulation.errors import SimulationError
 from simulation.motion import STEP_NS, Motion
 from simulation.scenarios import Scenario
 from simulation.truth import SeenCells, Truth
+from simulation.truth_file import motion_signals, write_truth_file
 from simulation.vehicle.vehicle_run import VehicleRun, simulate_vehicle
 
 # The map's own default, so that truth and map share their cells.
@@ -137,6 +139,15 @@ class ScenarioSource:
             SimulationError: nothing was seen.
         """
         return self._seen.truth(self.scenario.ground.height_at)
+
+    def write_truth(self, path: Path) -> None:
+        """Write what is true of the run; see `simulation.truth_file.write_truth_file`.
+
+        Raises:
+            SimulationError: it was never opened, nothing was seen, or the file cannot be written.
+        """
+        known = motion_signals(self.motion)
+        write_truth_file(path, self.truth(), self.scenario.ground, known)
 
     def _merged(self, run: VehicleRun) -> Iterator[Sample]:
         """Return all samples by their stamps; of equal ones the pose comes first."""
