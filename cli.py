@@ -206,9 +206,7 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe demo`."""
     parser.add_argument("--out", type=Path, default=Path("terravibe-demo"), metavar="DIR")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything (1)")
-    parser.add_argument(
-        "--seconds", type=float, default=15.0, metavar="S", help="with 3 s at rest (15)"
-    )
+    parser.add_argument("--seconds", type=float, default=15.0, metavar="S", help="in all (15)")
     parser.add_argument("--json", action="store_true", help="print the scores as JSON")
 
 
@@ -251,9 +249,7 @@ def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="RUN.mcap")
     parser.add_argument("--truth", type=Path, required=True, metavar="TRUTH.nc")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything (1)")
-    parser.add_argument(
-        "--seconds", type=float, default=20.0, metavar="S", help="with 3 s at rest (20)"
-    )
+    parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="in all (20)")
     parser.add_argument("--poses", choices=("true", "mocap"), help="instead of the scenario's own")
 
 
@@ -293,6 +289,8 @@ def run_simulate(options: argparse.Namespace, console: Terminal) -> int:
             f"took {wall_s:.1f} s, {seconds / wall_s:.2f} times faster than real time",
         ]
     )
+    if stuck_s := source.motion.stuck_s:
+        console.note(f"warning: the rover was stuck for {stuck_s:.1f} s of the run")
     return 0
 
 
