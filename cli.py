@@ -267,20 +267,16 @@ def run_simulate(options: argparse.Namespace, console: Terminal) -> int:
     begin = time.monotonic()
     scenario = make_scenario(options.scenario, options.seed, seconds, options.poses)
     mounts, settings = _recorded_with(scenario)
-    with (
-        console.progress(f"simulating {seconds:g} s") as reached,
-        replacing(truth) as new_truth,
-        replacing(output) as new_output,
-    ):
+    with console.progress(f"simulating {seconds:g} s") as reached, replacing(truth) as new_truth:
         source = ScenarioSource(scenario, on_progress=lambda s: reached(f"driven {s:.0f} s"))
         summary = record_all(
             source,
-            new_output,
+            output,
             static_transforms=mounts,
             settings=settings,
             progress=lambda samples: reached(f"recorded {samples} samples"),
+            when_complete=lambda: source.write_truth(new_truth),
         )
-        source.write_truth(new_truth)
     wall_s = time.monotonic() - begin
     console.lines(
         [
