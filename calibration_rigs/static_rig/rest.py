@@ -28,20 +28,24 @@ def rest_stretches(
     """Return the stretches in which a signal (n, axes) stays quiet.
 
     A sample is quiet when the spread (root of the variances' sum over the axes) of the window
-    around it is below `threshold`, in the unit of the signal. Half a window at either end of a
+    around it is `threshold` at most, in the unit of the signal. Half a window at either end of a
     stretch is dropped: it may hold the end of a motion that is still below the threshold.
     """
     half = max(round(window_s / _step_s(t_s) / 2.0), 1)
-    quiet = _spread(values, half) < threshold
+    quiet = _spread(values, half) <= threshold
     edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(np.int8)))
     stretches = [Stretch(int(a) + half, int(b) - half) for a, b in edges.reshape(-1, 2)]
     return [s for s in stretches if s.end > s.first and t_s[s.end - 1] - t_s[s.first] >= shortest_s]
 
 
-def quiet_spread(t_s: Float64Array, values: Float64Array, rest_s: float) -> float:
-    """Return the spread of the first `rest_s` seconds, in which the sensor is known to rest."""
-    start = values[t_s - t_s[0] <= rest_s]
-    return float(np.sqrt(np.var(start, axis=0, ddof=1).sum()))
+def quiet_spread(t_s: Float64Array, values: Float64Array, window_s: float = 1.0) -> float:
+    """Return the spread of a sensor (n, axes) at rest, from a recording that is mostly anything.
+
+    It is the spread that one window in twenty stays below: at rest all windows spread alike, so a
+    twentieth of rest is enough.
+    """
+    half = max(round(window_s / _step_s(t_s) / 2.0), 1)
+    return float(np.percentile(_spread(values, half), 5.0))
 
 
 def _step_s(t_s: Float64Array) -> float:

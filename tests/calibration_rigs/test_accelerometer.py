@@ -41,7 +41,7 @@ def test_a_real_sensor_comes_out_as_published(real_data: Path) -> None:
     with gzip.open(real_data / "imu_tk_xsens" / "xsens_acc.txt.gz", "rt") as file:
         table = np.loadtxt(file)
     t_s, counts = table[:, 0], table[:, 1:]
-    threshold = 4.0 * quiet_spread(t_s, counts, rest_s=30.0)
+    threshold = 4.0 * quiet_spread(t_s, counts)
     rests = rest_stretches(t_s, counts, threshold=threshold)
     assert len(rests) == 38
     found = calibrate_accelerometer(mean_readings(counts, rests), PADOVA_M_S2)
