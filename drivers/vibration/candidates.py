@@ -45,6 +45,12 @@ class Pending:
             return seen == self.sync
         return None if self.sync.startswith(seen) and not self.ended else False
 
+    def beginning_of_sync(self, end: int) -> int:
+        """Return how many bytes, fewer than a sync, right before `end` may begin one."""
+        most = len(self.sync) - 1
+        tail = bytes(self.data[max(0, end - most) : end])
+        return next((n for n in range(len(tail), 0, -1) if self.sync.startswith(tail[-n:])), 0)
+
     def followed(self, end: int) -> bool | None:
         """Tell whether a sync, or the end of what the device sends, stands at `end`; None: wait."""
         return True if self.ended and end == len(self.data) else self.sync_at(end)

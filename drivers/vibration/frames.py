@@ -4,7 +4,8 @@
 delivered when no other good candidate overlaps it. Of two that overlap, the one with more further
 syncs behind it at its own distance wins; if they are equal, the one that begins where the last
 delivered frame ended; if neither does, neither is delivered. After a candidate that is not
-delivered the search goes on at its second byte, so a false sync hides no frame.
+delivered the search goes on at its second byte, so a false sync hides no frame. Two that share less
+than a sync are both delivered: the first bytes of a frame have completed one that lost its last.
 
 What follows from this, what cannot be guaranteed, and how long a frame may be held back, is in
 docs/devices/vibration.md.
@@ -72,12 +73,9 @@ class FrameParser:
     def __init__(self, profile: VibrationProfile) -> None:
         self._judge = judge_for(profile)
         self._pending = Pending(profile.frame.sync)
-        # A sync half inside a frame may begin a rival. Nothing follows a reply that would tell,
-        # so that there only a sync wholly inside counts.
-        streams = profile.link.mode == "stream"
-        self._overhang = len(profile.frame.sync) - 1 if streams else 0
         self._counts: Counter[str] = Counter()
         self._consumed = 0
+        self._shared = 0  # of the pending bytes, how many belong to the last delivered frame
         self._in_garbage = False
         self._expected = -1  # stream position where the last delivered frame ended
         self._contested_to = 0  # end of the last good candidate that a rival kept back
@@ -151,21 +149,24 @@ class FrameParser:
         return length if prevails else 0
 
     def _take(self, length: int) -> Frame:
-        data = bytes(self._pending.data[:length])
-        del self._pending.data[:length]
-        self._consumed += length
-        self._expected = self._consumed
+        frame = bytes(self._pending.data[:length])
+        self._shared = self._pending.beginning_of_sync(length)
+        del self._pending.data[: length - self._shared]
+        self._consumed += length - self._shared
+        self._expected = self._consumed + self._shared
         self._counts["frames"] += 1
         self._counts["resyncs"] += self._in_garbage
         self._in_garbage = False
-        return Frame(data, self._consumed)
+        return Frame(frame, self._expected)
 
     def _discard(self, count: int) -> None:
         if count > 0:
             del self._pending.data[:count]
             self._consumed += count
-            self._counts["garbage_bytes"] += count
-            self._in_garbage = True
+            garbage = max(0, count - self._shared)
+            self._shared = max(0, self._shared - count)
+            self._counts["garbage_bytes"] += garbage
+            self._in_garbage = self._in_garbage or garbage > 0
 
     def _prevails(self, at: int, length: int) -> bool | None:
         """Tell whether a good candidate stands against those that overlap it; None: wait."""
@@ -189,17 +190,15 @@ class FrameParser:
         return True
 
     def _rivals(self, at: int, length: int) -> list[tuple[int, int]] | None:
-        """Return start and length of the good candidates that begin inside this one."""
+        """Return start and length of the good candidates whose sync is inside this one."""
         pending, sync = self._pending, self._pending.sync
-        rivals, start, end = [], at, at + length
-        while (start := pending.data.find(sync, start + 1, end + self._overhang)) >= 0:
+        rivals, start = [], at
+        while (start := pending.data.find(sync, start + 1, at + length)) >= 0:
             other = self._judge.rival_length(pending, start)
             if other is None:
                 return None
             if other > 0:
                 rivals.append((start, other))
-        if any(pending.sync_at(place) is None for place in range(end - self._overhang, end)):
-            return None
         return rivals
 
     def _followers(self, at: int, length: int) -> int | None:

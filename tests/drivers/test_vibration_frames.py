@@ -261,6 +261,25 @@ def test_a_reply_with_the_sync_inside_waits_for_the_end_of_the_burst() -> None:
     assert [frame.data for frame in parser.end_burst()] == [reply]
 
 
+@pytest.mark.parametrize("name", ["aft601d", "wtvb01-485", "wtvb01-485-fast"])
+def test_a_frame_that_the_next_one_completes_does_not_swallow_it(name: str) -> None:
+    """Its last byte was lost, and the first byte of the next frame is the same."""
+    profile = load_profile(name)
+    sync, rng = profile.frame.sync, random.Random(10)
+    ending = next(
+        f for f in iter(lambda: random_frames(profile, rng, 1)[0], b"") if f[-1] == sync[0]
+    )
+    following = random_frames(profile, rng, 1)[0]
+    for stream in (ending[:-1] + following, ending + following):
+        parser = FrameParser(profile)
+        frames = parser.feed(stream + b"?")
+        assert [frame.data for frame in frames] == [ending, following]
+        assert [frame.end for frame in frames] == [len(ending), len(stream)]
+        assert parser.end_burst() == []
+        assert parser.counters.garbage_bytes == 1
+        assert parser.counters.resyncs == 0
+
+
 def test_a_truncated_frame_does_not_swallow_the_next_one() -> None:
     """The checksum of the truncated one is made to agree with bytes of the next frame."""
     profile = load_profile("wtvb01-485-fast")
