@@ -67,7 +67,7 @@ class Judge(Protocol):
         """
 
     def rival_length(self, pending: Pending, at: int) -> int | None:
-        """Return the same, but only of what can stand against another good candidate."""
+        """Return the same, bytes, but only of what can stand against another good candidate."""
 
 
 def judge_for(profile: VibrationProfile) -> Judge:
@@ -91,6 +91,7 @@ class _ByChecksum:
         self._plausible = FrameDecoder(profile).plausible
 
     def length(self, pending: Pending, at: int) -> int | None:
+        """See `Judge`."""
         length = self._told_length(pending, at)
         if length is None or length <= 0:
             return length
@@ -130,10 +131,12 @@ class _BySpacing:
         self._plausible = FrameDecoder(profile).plausible
 
     def length(self, pending: Pending, at: int) -> int | None:
+        """See `Judge`."""
         length = self.rival_length(pending, at)
         return self._unfollowed(pending, at) if length == AMBIGUOUS else length
 
     def rival_length(self, pending: Pending, at: int) -> int | None:
+        """See `Judge`: one with successors."""
         possible = self._possible(pending, at)
         if not possible:
             return None if possible is None else IMPLAUSIBLE
