@@ -8,7 +8,11 @@ import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from io import BytesIO
 from pathlib import Path
+
+import numpy as np
+from PIL import Image
 
 from drivers.depth.png import check_headers, read_counts
 from drivers.depth.trajectory import read_trajectory
@@ -21,8 +25,12 @@ from drivers.vibration.modbus_replies import refusal
 from drivers.vibration.profile import check_profile, load_profile, shipped_profiles
 from drivers.wheels.twist_decoder import TwistDecoder
 from drivers.wheels.vehicle_layout import vehicle_layout
+from tests.drivers.test_vibration_decode import CAPTURED_REPLY
+from tests.fakes.vibration_bench import PROFILE_FOLDER
+from tests.fakes.vibration_bytes import random_frames
 
 _REQUEST = bytes.fromhex("50 03 00 30 00 17 08 4A")
+_PROFILE = PROFILE_FOLDER / "aft601d.toml"
 _LONGEST = 80
 # Of the frames that the twist is made of.
 _IDENTIFIERS = {"puma": (0x02021542, 0x02021543, 0x02021544, 0x02021545), "scout_v2": (0x221,)}
@@ -48,7 +56,7 @@ class Fuzzing:
 
 
 def fuzz(name: str, parse: Callable[[bytes], object], words: list[bytes], count: int) -> Fuzzing:
-    """Parse that many strings of 0 to 80 bytes, in half of them pieces of `words`."""
+    """Parse that many strings of 0 to 80 random bytes, half of them with a damaged word inside."""
     rng = random.Random(name)
     strings = [_string(rng, words) for _ in range(count)]
     refused = others = held = 0
@@ -72,8 +80,11 @@ def fuzz(name: str, parse: Callable[[bytes], object], words: list[bytes], count:
 def _string(rng: random.Random, words: list[bytes]) -> bytes:
     data = rng.randbytes(rng.randint(0, _LONGEST))
     if words and rng.random() < 0.5:
-        place = rng.randint(0, len(data))
-        data = data[:place] + rng.choice(words) + data[place:]
+        word = bytearray(rng.choice(words))
+        for place in rng.choices(range(len(word)), k=rng.randint(0, 3)):
+            word[place] = rng.randrange(256)
+        place = rng.choice((0, rng.randint(0, len(data))))
+        data = data[:place] + bytes(word) + data[place:]
     return data
 
 
@@ -81,11 +92,14 @@ def fuzz_all(count: int, folder: Path) -> Iterator[Fuzzing]:
     """Yield the figures of each parser; those that read files get them in `folder`."""
     for name in shipped_profiles():
         profile = load_profile(name)
-        words = [profile.frame.sync, profile.frame.sync * 3]
+        words = [profile.frame.sync, *random_frames(profile, random.Random(name), 20)]
         yield fuzz(f"stream {name}", FrameParser(profile).feed, words, count)
         yield fuzz(f"frame {name}", FrameDecoder(profile).decode, words, count)
     yield fuzz(
-        "modbus reply", lambda data: refusal(_REQUEST, data), [b"\x50\x83", b"\x50\x03"], count
+        "modbus reply",
+        lambda data: refusal(_REQUEST, data),
+        [CAPTURED_REPLY, b"\x50\x83\x02\x91\x20"],
+        count,
     )
     for name, chip in CHIPS.items():
         yield fuzz(f"gyro {name}", partial(decode, chip), [], count)
@@ -116,9 +130,12 @@ def _fuzz_files(count: int, folder: Path) -> Iterator[Fuzzing]:
 
         return parse_bytes
 
-    png = [b"\x89PNG\r\n\x1a\n", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"]
-    toml = [b"[profile]\n", b"length = 22\n", b'name = "x"\n', b"[[field]]\n"]
+    image = BytesIO()
+    Image.fromarray(np.arange(16, dtype=np.uint16).reshape(4, 4)).save(image, "PNG")
+    png, toml = [image.getvalue()], [_PROFILE.read_bytes()]
     yield fuzz("png header", reading(lambda p: check_headers([p])), png, count)
     yield fuzz("png pixels", reading(lambda p: read_counts(p, (4, 4))), png, count)
-    yield fuzz("trajectory", reading(read_trajectory), [b"1.5 0 0 0 0 0 0 1\n", b"#"], count)
+    yield fuzz(
+        "trajectory", reading(read_trajectory), [b"1.5 0 0 0 0 0 0 1\n2.5 0 0 0 0 0 0 1\n"], count
+    )
     yield fuzz("profile file", reading(check_profile), toml, count)
