@@ -58,6 +58,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--seeds", type=int, default=30, help="streams of each kind; default 30")
     parser.add_argument("--frames", type=int, default=100_000, help="in a stream; default 100000")
+    parser.add_argument("--profiles", nargs="+", default=shipped_profiles(), help="default all")
     parser.add_argument("--json", type=Path, help="file for the figures")
     arguments = parser.parse_args()
     print(
@@ -65,7 +66,7 @@ def main() -> None:
         f"{'invented':>9}{'expected':>9}{'pending':>8}{'ns/byte':>8}"
     )
     rows = []
-    for name in shipped_profiles():
+    for name in arguments.profiles:
         profile = load_profile(name)
         frames = random_frames(profile, random.Random(name), arguments.frames)
         for kind in KINDS:

@@ -6,7 +6,7 @@ successor (the next sync stands exactly where it ends). One is not enough where 
 
 - with a checksum, it must agree, and the ranges or the successor must confirm it;
 - without one, the ranges must hold, and the successor must stand there. Failing that, the bytes up
-  to the next possible frame must have no other reading as a frame into which they were inserted.
+  to the next sync must have no other reading, as a frame into which some of them were inserted.
 """
 
 from __future__ import annotations

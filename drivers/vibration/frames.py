@@ -51,7 +51,7 @@ class FrameCounters:
         checksum_errors: candidates whose checksum did not agree.
         implausible: candidates with a value out of range that nothing outweighs.
         ambiguous: candidates not delivered because another one, or another reading of the bytes
-            around it, was as good.
+            around it, was as good or could not be ruled out.
         garbage_bytes: bytes that belong to no delivered frame.
         resyncs: times a frame was found again behind garbage.
     """
