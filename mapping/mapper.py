@@ -8,15 +8,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from acquisition.messages.codec import Recordable
-from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, MOCAP_BODY_FRAME, StaticTransforms
+from acquisition.messages.frames import (
+    BASE_FRAME,
+    DEPTH_OPTICAL_FRAME,
+    MOCAP_BODY_FRAME,
+    StaticTransforms,
+)
 from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
 from mapping.cells.elevation_map import ElevationMap, read_out
 from mapping.cells.grid import make_grid
-from mapping.cells.update_constants import fusion_constants
+from mapping.cells.update_constants import FrameConstants, fusion_constants
 from mapping.cells.update_kernels import fuse
+from mapping.change.overhang import drop_overhangs
+from mapping.change.own_body import drop_own_body
+from mapping.change.visibility import clear_seen_through, sight_of
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
-from mapping.measurement import FrameReducer, View
+from mapping.measurement import Float64Array, FrameReducer, View
 from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
 from mapping.pose_track import PoseTrack
@@ -37,7 +45,9 @@ class MapperCounts:
         readings: valid depth readings of the mapped frames.
         readings_outside: readings of them that fell outside the grid.
         updates: cell updates. rejected: those that went to a second hypothesis. replaced: second
-            hypotheses that took over.
+            hypotheses that took over. cleared: cells forgotten because rays passed through them.
+        readings_own_body: readings dropped because they hit the rover itself.
+        readings_overhanging: readings dropped because they hit what hangs high above the ground.
     """
 
     frames: int = 0
@@ -49,6 +59,9 @@ class MapperCounts:
     updates: int = 0
     rejected: int = 0
     replaced: int = 0
+    cleared: int = 0
+    readings_own_body: int = 0
+    readings_overhanging: int = 0
 
 
 class Mapper:
@@ -129,11 +142,13 @@ class Mapper:
         reducer = self._reducer_for(frame.camera)
         mount = self._mounts.lookup(MOCAP_BODY_FRAME, DEPTH_OPTICAL_FRAME)
         view = View(pose, pose.transform @ mount)
-        readings = reducer.load(frame.depth_mm)
+        readings = reducer.load(frame.depth_mm) - self._drop_own_body(reducer)
         rover_x_m, rover_y_m, _ = pose.transform.translation_m
         window = self._grid.prepare(reducer.footprint(view), rover_x_m, rover_y_m)
-        sums, inside = reducer.reduce(view, window)
         constants = reducer.frame_constants(view, window, self._grid.position(window))
+        readings -= self._drop_overhangs(reducer, view, constants)
+        sums, inside = reducer.reduce(view, window)
+        self._clear_seen_through(frame, view, sums, constants)
         result = fuse(sums, constants, self._fusion, self._grid.layers)
         self.counts.frames += 1
         self.counts.readings += readings
@@ -141,6 +156,35 @@ class Mapper:
         self.counts.updates += result.cells
         self.counts.rejected += result.rejected
         self.counts.replaced += result.replaced
+
+    def _drop_own_body(self, reducer: FrameReducer) -> int:
+        """Drop what hits the rover itself; return how many readings."""
+        if not self.settings.body_boxes_m:
+            return 0
+        mount = self._mounts.lookup(BASE_FRAME, DEPTH_OPTICAL_FRAME)
+        dropped = drop_own_body(reducer.readings, self.settings.body_boxes_m, mount)
+        self.counts.readings_own_body += dropped
+        return dropped
+
+    def _drop_overhangs(self, reducer: FrameReducer, view: View, constants: FrameConstants) -> int:
+        """Drop what hangs high above the ground; return how many readings."""
+        if self.settings.overhang_clearance_m == 0.0:
+            return 0
+        layers = self._grid.layers
+        dropped = drop_overhangs(reducer.readings, view, constants, layers, self.settings)
+        self.counts.readings_overhanging += dropped
+        return dropped
+
+    def _clear_seen_through(
+        self, frame: DepthFrame, view: View, sums: Float64Array, constants: FrameConstants
+    ) -> None:
+        """Forget cells that this frame, as others before it, has looked through."""
+        limit = self.settings.seen_through_frames
+        if limit:
+            sight = sight_of(frame.camera, self.noise, view, limit)
+            self.counts.cleared += clear_seen_through(
+                frame.depth_mm, sums, constants, sight, self._grid.layers
+            )
 
     def _reducer_for(self, camera: CameraIntrinsics) -> FrameReducer:
         if self._reducer is None or self._reducer.camera != camera:

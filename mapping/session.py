@@ -18,6 +18,9 @@ from mapping.mapper import Mapper, MapperCounts
 from mapping.noise import KINECT_V1, DepthNoiseModel
 from mapping.settings import MapSettings
 
+# Kinds of JSON values that are no numbers, by setting.
+_RECORDED_KINDS: dict[str, tuple[type, ...]] = {"grid": (str,), "body_boxes_m": (list,)}
+
 
 @dataclass(frozen=True, slots=True)
 class MapOptions:
@@ -125,7 +128,7 @@ def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:
         raise MappingError(f"the recording's map section is {section!r}; expected known settings")
     recorded = {name: value for name, value in section.items() if name not in options.given}
     for name, value in recorded.items():
-        if isinstance(value, bool) or isinstance(value, str) != (name == "grid"):
+        if isinstance(value, bool) or type(value) not in _RECORDED_KINDS.get(name, (int, float)):
             raise MappingError(f"the recording's map section has {name} = {value!r}")
     return replace(options.settings, **recorded)
 
@@ -145,7 +148,8 @@ def _first(*candidates: object) -> float:
 def _attributes(mapper: Mapper, report: ReadReport) -> dict[str, str | int | float]:
     """Return how the map was made, for the map file."""
     attributes: dict[str, str | int | float] = {
-        f"setting_{name}": value for name, value in asdict(mapper.settings).items()
+        f"setting_{name}": json.dumps(value) if isinstance(value, tuple) else value
+        for name, value in asdict(mapper.settings).items()
     }
     attributes |= {f"noise_{name}": value for name, value in asdict(mapper.noise).items()}
     attributes |= {f"input_{name}": value for name, value in asdict(mapper.counts).items()}

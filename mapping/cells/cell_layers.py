@@ -21,6 +21,7 @@ class CellLayers(NamedTuple):
     ground is flat. candidate_*: the second hypothesis, the variance of its pixel noise, and how
     often it was confirmed. frames, pixels: accepted measurements and the pixels in them, which
     stop counting at 2^32 - 1. last_ns: stamp of the last one, meaningless while frames is 0.
+    seen_through: frames whose rays passed through the cell, less those with a reading in it.
 
     Heights are float64: far above the origin the small steps of late updates would vanish in
     float32, whose steps are 1 mm at 10 km.
@@ -39,6 +40,7 @@ class CellLayers(NamedTuple):
     frames: NDArray[np.uint32]
     pixels: NDArray[np.uint32]
     last_ns: NDArray[np.int64]
+    seen_through: NDArray[np.uint8]
 
 
 def empty_layers(rows: int, columns: int) -> CellLayers:
@@ -58,6 +60,7 @@ def empty_layers(rows: int, columns: int) -> CellLayers:
         frames=np.zeros(shape, np.uint32),
         pixels=np.zeros(shape, np.uint32),
         last_ns=np.zeros(shape, np.int64),
+        seen_through=np.zeros(shape, np.uint8),
     )
 
 
