@@ -5,6 +5,7 @@ Only sensor time enters. Live and offline differ in where the samples come from,
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from acquisition.messages.codec import Recordable
@@ -16,7 +17,7 @@ from acquisition.messages.frames import (
 )
 from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
 from mapping.cells.elevation_map import ElevationMap, read_out
-from mapping.cells.grid import make_grid
+from mapping.cells.grid import Grid, make_grid
 from mapping.cells.update_constants import FrameConstants, fusion_constants
 from mapping.cells.update_kernels import fuse
 from mapping.change.overhang import drop_overhangs
@@ -67,8 +68,10 @@ class MapperCounts:
 class Mapper:
     """Fuses depth frames, seen from known poses, into a grid."""
 
-    def __init__(self, settings: MapSettings, noise: DepthNoiseModel) -> None:
-        """Start with an empty map.
+    def __init__(
+        self, settings: MapSettings, noise: DepthNoiseModel, grid: Grid | None = None
+    ) -> None:
+        """Start with an empty map, or with a grid that knows cells already.
 
         Raises:
             MappingError: the ranges of settings and noise model have nothing in common.
@@ -76,7 +79,7 @@ class Mapper:
         self.settings = settings
         self.noise = _within_both_ranges(settings, noise)
         self.counts = MapperCounts()
-        self._grid = make_grid(settings)
+        self._grid = grid or make_grid(settings)
         self._fusion = fusion_constants(settings)
         self._poses = PoseTrack(round(settings.pose_gap_max_s * 1e9))
         self._mounts = MountTree()
@@ -101,10 +104,15 @@ class Mapper:
         self._map_ready_frames(sample.t_ns)
 
     def finish(self) -> None:
-        """Map the frames that can be mapped and count the rest; the stream is over."""
+        """Map the frames that can be mapped and count the rest; the stream is over.
+
+        Raises:
+            MappingError: as `add`, or the grid cannot be saved.
+        """
         waiting, self._waiting = self._waiting, []
         for frame in waiting:
             self._map_or_count(frame)
+        self._grid.save()
 
     def elevation_map(self, attributes: dict[str, str | int | float] | None = None) -> ElevationMap:
         """Return the map as it is now.
@@ -114,7 +122,15 @@ class Mapper:
         """
         if self.counts.frames == 0:
             raise MappingError(self._why_nothing())
-        return read_out(self._grid, self.settings, attributes or {})
+        return self.read_map(attributes or {})
+
+    def read_map(self, attributes: Mapping[str, str | int | float]) -> ElevationMap:
+        """Return the map as it is now, however few frames it has seen.
+
+        Raises:
+            MappingError: no reading has reached the map.
+        """
+        return read_out(self._grid, self.settings, attributes)
 
     def _map_ready_frames(self, now_ns: int) -> None:
         """Map waiting frames that a pose at or after their time, or patience, has released.

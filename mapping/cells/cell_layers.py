@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+CellIndex = tuple[slice, slice] | tuple[NDArray[np.intp], ...]
 
 
 class CellLayers(NamedTuple):
@@ -62,6 +63,12 @@ def empty_layers(rows: int, columns: int) -> CellLayers:
         last_ns=np.zeros(shape, np.int64),
         seen_through=np.zeros(shape, np.uint8),
     )
+
+
+def copy_cells(source: CellLayers, there: CellIndex, target: CellLayers, here: CellIndex) -> None:
+    """Copy the cells at `there` in the source to `here` in the target, in all layers."""
+    for name, layer in source._asdict().items():
+        getattr(target, name)[here] = layer[there]
 
 
 BYTES_PER_CELL = sum(layer.itemsize for layer in empty_layers(0, 0))
