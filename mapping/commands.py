@@ -19,7 +19,6 @@ from acquisition.commands.console import CHECK_FAILED, OK, Console, show
 if TYPE_CHECKING:
     from acquisition.stream.byte_source import ByteSource
     from acquisition.stream.reader import StreamMessage
-    from mapping.cells.elevation_map import ElevationMap
     from mapping.judging.evaluation import Scores
     from mapping.judging.floor_evaluation import FloorScores
     from mapping.session import MapOptions
@@ -78,6 +77,7 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
     """Turn a recording into an elevation map; 1 when parts of it were damaged."""
     from acquisition.stream.reader import StreamReader
     from mapping.ground.fill import fill_gaps, gap_cells
+    from mapping.output.commands import draw
     from mapping.output.map_file import write_map
     from mapping.output.map_summary import summarise_run
     from mapping.paper2019.faults import describe_faults
@@ -98,7 +98,7 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
     if options.output:
         write_map(result.map, options.output)
     if options.figures:
-        _draw(result.map, options.figures, console)
+        draw(result.map, options.figures, console)
     summary = summarise_run(result, str(options.output or options.world))
     show(console, summary, as_json=options.json)
     if options.method == "paper2019":
@@ -210,13 +210,6 @@ def prepare_kernels(console: Console) -> None:
     compile_kernels()
 
 
-def _draw(map_: ElevationMap, folder: Path, console: Console) -> None:
-    from mapping.output.figures import write_figures
-
-    with console.progress(f"drawing into {folder}"):
-        write_figures(map_, folder)
-
-
 def add_warmup_arguments(_: argparse.ArgumentParser) -> None:
     """Declare `terravibe warmup`, which has none."""
 
@@ -226,55 +219,6 @@ def run_warmup(_: argparse.Namespace, console: Console) -> int:
     prepare_kernels(console)
     console.lines(["the mapping kernels are compiled and cached"])
     return OK
-
-
-def add_export_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare `terravibe export`."""
-    parser.add_argument("map", type=Path, help="FILE.nc, or a world map's DIR.zarr")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help=".tif, .ply, .png, .nc")
-    parser.add_argument(
-        "--window",
-        dest="window_m",
-        nargs=4,
-        type=float,
-        metavar=("X0", "Y0", "X1", "Y1"),
-        help="this rectangle of a world, in metres (all of it)",
-    )
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw all figures into DIR")
-
-
-def run_export(options: argparse.Namespace, console: Console) -> int:
-    """Convert a map to what other programs read."""
-    from mapping.errors import MappingError
-    from mapping.output.export import export
-    from mapping.output.map_file import write_map
-
-    if options.output is None and options.figures is None:
-        raise MappingError(
-            "nothing to do; give -o FILE (.tif, .ply, .png, .nc), --figures DIR, or both"
-        )
-    map_ = _map_or_world(options)
-    if options.output:
-        write = write_map if options.output.suffix == ".nc" else export
-        write(map_, options.output)
-        console.lines([str(options.output)])
-    if options.figures:
-        _draw(map_, options.figures, console)
-        console.lines([str(options.figures)])
-    return OK
-
-
-def _map_or_world(options: argparse.Namespace) -> ElevationMap:
-    """Return a map's file, or a rectangle of a world."""
-    from mapping.errors import MappingError
-    from mapping.output.map_file import read_map
-    from mapping.world.world_map import read_world
-
-    if options.map.is_dir():
-        return read_world(options.map, options.window_m)
-    if options.window_m is not None:
-        raise MappingError("--window is for world maps; a map file is exported as it is")
-    return read_map(options.map)
 
 
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:

@@ -43,7 +43,7 @@ class MapperCounts:
         frames: depth frames mapped.
         frames_without_pose: depth frames left out because no pose surrounds their time.
         poses, poses_out_of_order: poses taken; poses left out because they came out of order.
-        readings: valid depth readings of the mapped frames.
+        readings: valid depth readings of the mapped frames, without those dropped (below).
         readings_outside: readings of them that fell outside the grid.
         updates: cell updates. rejected: those that went to a second hypothesis. replaced: second
             hypotheses that took over. cleared: cells forgotten because rays passed through them.

@@ -141,6 +141,10 @@ def _world_grid(
     """Return a window over the world that the user gave, which `resources` will close."""
     if options.world is None:
         return None
+    if settings.grid != "scrolling":
+        raise MappingError(
+            f"grid is {settings.grid!r}; a world is mapped through a scrolling window"
+        )
     if options.continue_world:
         store = resources.enter_context(TileStore.reopen(options.world))
         check_same_cells(store, settings)

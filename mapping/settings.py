@@ -126,12 +126,18 @@ def _boxes(boxes_m: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
     Raises:
         MappingError: one is no box.
     """
-    boxes = tuple(tuple(box) for box in boxes_m)
-    for box in boxes:
-        sound = len(box) == 6 and all(map(math.isfinite, box))
-        if not sound or not all(low < high for low, high in zip(box[:3], box[3:], strict=True)):
+    for box in boxes_m:
+        if not _is_box(box):
             raise MappingError(
-                f"body_boxes_m has {box}; expected x_min, y_min, z_min, x_max, y_max, z_max in "
+                f"body_boxes_m has {box!r}; expected x_min, y_min, z_min, x_max, y_max, z_max in "
                 "metres, each minimum below its maximum"
             )
-    return boxes
+    return tuple(tuple(map(float, box)) for box in boxes_m)
+
+
+def _is_box(box: object) -> bool:
+    if not isinstance(box, list | tuple) or len(box) != 6:
+        return False
+    if not all(isinstance(value, int | float) and math.isfinite(value) for value in box):
+        return False
+    return all(low < high for low, high in zip(box[:3], box[3:], strict=True))

@@ -55,7 +55,12 @@ class TileStore:
             MappingError: zarr is missing, there is something at `path`, or it cannot be written.
         """
         library = _zarr()
-        path.mkdir(parents=True, exist_ok=True)
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise MappingError(
+                f"cannot make the folder {path}: {error.strerror}; give one that can be written"
+            ) from error
         lock = _locked(path)
         try:
             _check_empty(path)
@@ -217,7 +222,12 @@ def _check_empty(path: Path) -> None:
 
 def _locked(path: Path) -> IO[bytes]:
     """Return the writer's lock; the system lets go of it however the process ends."""
-    lock = (path / _LOCK).open("wb")
+    try:
+        lock = (path / _LOCK).open("wb")
+    except OSError as error:
+        raise MappingError(
+            f"cannot write to the world {path}: {error.strerror}; give a writable folder"
+        ) from error
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -51,6 +51,8 @@ def test_zero_is_allowed_where_it_means_something(name: str) -> None:
         ({"confirmations": 256}, "confirmations is 256; expected at most 255"),
         ({"seen_through_frames": 256}, "seen_through_frames is 256; expected at most 255"),
         ({"body_boxes_m": [(0, 0, 0, 1, 1)]}, r"body_boxes_m has \(0, 0, 0, 1, 1\); expected"),
+        ({"body_boxes_m": [5]}, "body_boxes_m has 5; expected"),
+        ({"body_boxes_m": [(0, 0, 0, 1, 1, "1")]}, "each minimum below its maximum"),
         ({"body_boxes_m": [(0, 0, 1, 1, 1, 1)]}, "each minimum below its maximum"),
         ({"body_boxes_m": [(0, 0, math.nan, 1, 1, 1)]}, "each minimum below its maximum"),
     ],

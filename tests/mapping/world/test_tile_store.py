@@ -102,6 +102,15 @@ def test_what_is_no_world_is_refused(tmp_path: Path) -> None:
         TileStore.read_only(tmp_path / "other")
 
 
+def test_a_place_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(MappingError, match=r"cannot make the folder .*; give one that can be"):
+        TileStore.create(tmp_path / "file" / "w", ABOUT)
+    (tmp_path / "w" / "writer.lock").mkdir(parents=True)
+    with pytest.raises(MappingError, match=r"cannot write to the world .* give a writable folder"):
+        TileStore.create(tmp_path / "w", ABOUT)
+
+
 def test_another_set_of_layers_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     TileStore.create(tmp_path / "w", ABOUT).close()
     monkeypatch.setattr(tile_store, "plane_names", lambda: ("elevation_m", "colour"))
