@@ -48,7 +48,9 @@ _COMMANDS = {
     "cut": _Command("copy a part of a recording", "acquisition.commands.record"),
     "merge": _Command("copy several recordings into one", "acquisition.commands.record"),
     "map": _Command("turn a recording into an elevation map", "mapping.commands"),
-    "export": _Command("convert a map to GeoTIFF, PLY or PNG, draw figures", "mapping.commands"),
+    "export": _Command(
+        "convert a map to GeoTIFF, PLY or PNG, draw figures", "mapping.output.commands"
+    ),
     "evaluate": _Command("compare a map with the truth or a flat floor", "mapping.commands"),
     "calibrate": _Command("make calibration files on a rig", "calibration_rigs.commands"),
     "warmup": _Command("compile the mapping kernels now", "mapping.commands"),
