@@ -19,6 +19,7 @@ from acquisition.commands.console import CHECK_FAILED, OK, Console, show
 if TYPE_CHECKING:
     from acquisition.stream.byte_source import ByteSource
     from acquisition.stream.reader import StreamMessage
+    from mapping.cells.elevation_map import ElevationMap
     from mapping.judging.evaluation import Scores
     from mapping.judging.floor_evaluation import FloorScores
     from mapping.session import MapOptions

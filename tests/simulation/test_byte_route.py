@@ -65,7 +65,9 @@ from tests.simulation.grounds import sloping
 PATIENCE_S = 20.0
 FAST = Warming(time_s=2.0)
 PLAN = RecordingPlan(
-    flush_interval_s=0.005, worker=WorkerSettings(read_timeout_s=0.05, reconnect_s=60.0)
+    preflight_timeout_s=120.0,  # the first source may compile kernels
+    flush_interval_s=0.005,
+    worker=WorkerSettings(read_timeout_s=0.05, reconnect_s=60.0),
 )
 
 
