@@ -112,6 +112,7 @@ class MapSection(_Strict):
     confirmed_frames: _Count = 2
     confirmed_pixels: _Count = 4
     uncertain_sigma_m: _Positive = 0.015
+    horizontal_share: _Positive = 0.25
     pose_gap_max_s: _Positive = 0.2
     seen_through_frames: Annotated[int, Field(ge=0, le=255)] = 5
     overhang_clearance_m: _NotNegative = 0.0
