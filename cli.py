@@ -92,6 +92,7 @@ class Terminal:
         with Live(console=Console(stderr=True), auto_refresh=False) as live:
 
             def draw(table: Callable[[], Any], lines: Callable[[], list[str]]) -> None:
+                """Redraw the table in its place."""
                 del lines  # those are for a log
                 live.update(table(), refresh=True)
 
@@ -101,6 +102,7 @@ class Terminal:
         calls = itertools.count()
 
         def log(table: Callable[[], object], lines: Callable[[], list[str]]) -> None:
+            """Note the lines of every tenth state."""
             del table  # that is for a terminal
             if next(calls) % _LOG_EVERY == 0:
                 for line in lines():
@@ -222,6 +224,7 @@ def run_demo(options: argparse.Namespace, console: Terminal) -> int:
     drive = IdealDrive(options.seed, options.seconds)
 
     def truth(cell_size_m: float, range_min_m: float, range_max_m: float) -> Truth:
+        """Return the drive's ground in the words of the mapper's judge."""
         known = drive.truth(cell_size_m, range_min_m, range_max_m)
         return Truth(known.x_m, known.y_m, known.height_m, known.visible)
 
