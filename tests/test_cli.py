@@ -131,7 +131,7 @@ def test_flipped_byte_is_reported_and_never_mapped_silently(
 def simulate(folder: Path) -> list[str]:
     """Return the arguments of a short simulated run into a folder."""
     files = ["-o", str(folder / "run.mcap"), "--truth", str(folder / "truth.nc")]
-    return ["simulate", "simulation", "--seed", "5", "--seconds", "4.5", *files]
+    return ["simulate", "simulation", "--seed", "5", "--seconds", "4", *files]
 
 
 def test_a_simulated_run_is_mapped_and_judged_and_is_the_same_in_another_process(
