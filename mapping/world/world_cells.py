@@ -5,7 +5,7 @@ from __future__ import annotations
 from mapping.cells.cell_layers import CellLayers, copy_cells, empty_layers
 from mapping.cells.grid import CellWindow
 from mapping.world.tile_store import TileStore
-from mapping.world.tiles import TILE_CELLS, Tile, shares, tiles_of
+from mapping.world.tiles import TILE_CELLS, Place, Tile, shares, tiles_of
 
 
 class WorldCells:
@@ -24,7 +24,7 @@ class WorldCells:
         """Take a block of cells; layers (window.cells_y, window.cells_x)."""
         for tile, inside, outside in shares(window):
             known = self._tile(tile)
-            if layers.frames[outside].any() or known.frames[inside].any():
+            if _any(layers, outside) or _any(known, inside):
                 copy_cells(layers, outside, known, inside)
                 self._changed.add(tile)
 
@@ -61,3 +61,8 @@ class WorldCells:
         if tile in self._changed:
             self._store.write(tile, self._tiles[tile])
             self._changed.discard(tile)
+
+
+def _any(layers: CellLayers, place: Place) -> bool:
+    """Tell whether there is anything in those cells."""
+    return any(layer[place].any() for layer in layers._asdict().values())
