@@ -19,6 +19,7 @@ from acquisition.commands.console import CHECK_FAILED, OK, Console, show
 if TYPE_CHECKING:
     from acquisition.stream.byte_source import ByteSource
     from acquisition.stream.reader import StreamMessage
+    from mapping.cells.elevation_map import ElevationMap
     from mapping.judging.evaluation import Scores
     from mapping.judging.floor_evaluation import FloorScores
     from mapping.session import MapOptions
@@ -228,19 +229,28 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     judge.add_argument("--truth", type=Path, metavar="FILE.nc", help="true heights")
     judge.add_argument("--floor-height-m", type=float, metavar="M", help="height of a flat floor")
     parser.add_argument("--box", type=Path, metavar="FILE", help="a box that stands on the floor")
+    parser.add_argument(
+        "--trajectory",
+        type=Path,
+        metavar="FILE.txt",
+        help="with --truth: the poses that the map was made with, where they are not the true ones",
+    )
+    parser.add_argument("--figures", type=Path, metavar="DIR", help="with --truth: draw into DIR")
     parser.add_argument("--json", action="store_true")
 
 
 def run_evaluate(options: argparse.Namespace, console: Console) -> int:
     """Compare a map with the truth or with a flat floor."""
+    from mapping.errors import MappingError
     from mapping.judging.floor_evaluation import evaluate_floor, read_box
-    from mapping.judging.truth import evaluate_truth, read_truth
     from mapping.output.map_file import read_map
 
     map_ = read_map(options.map)
     scores: Scores | FloorScores
     if options.truth:
-        scores = evaluate_truth(map_, read_truth(options.truth))
+        scores = _evaluate_truth(map_, options, console)
+    elif options.trajectory or options.figures:
+        raise MappingError("--trajectory and --figures need --truth; a flat floor has neither")
     else:
         box = read_box(options.box) if options.box else None
         scores = evaluate_floor(map_, options.floor_height_m, box)
@@ -249,3 +259,17 @@ def run_evaluate(options: argparse.Namespace, console: Console) -> int:
     else:
         console.lines(scores.lines())
     return OK
+
+
+def _evaluate_truth(map_: ElevationMap, options: argparse.Namespace, console: Console) -> Scores:
+    from drivers.depth.trajectory import read_trajectory
+    from mapping.judging.truth import evaluate_truth, read_truth
+    from mapping.output.figures import write_figures
+
+    truth = read_truth(options.truth)
+    believed = read_trajectory(options.trajectory) if options.trajectory else None
+    scores = evaluate_truth(map_, truth, believed=believed)
+    if options.figures:
+        with console.progress(f"drawing into {options.figures}"):
+            write_figures(map_, options.figures, truth.truth_at(map_).height_m, scores)
+    return scores
