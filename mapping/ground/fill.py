@@ -40,7 +40,7 @@ _EXAMPLES_MIN = 30
 _BEND_LIMITS = np.array([0.05, 0.1, 0.2, 0.4, 0.8])
 # The time to learn from every pair of distances grows with the square of the gap in cells.
 _CELLS_MAX = 64
-# How many times larger the errors are in shadows: the least that held 98.4 % within 3 sigma.
+# How many times larger the errors are in shadows: chosen to hold 98 % within 3 sigma.
 _SHADOW_FACTOR = 2.5
 
 
