@@ -56,8 +56,8 @@ class Parts(Accuracy):
         """Return all numbers by name; those that are not finite as None."""
         return {
             **Accuracy.as_json(self.overall()),
-            "by_slope": parts_as_json(self.by_slope),
-            "by_range": parts_as_json(self.by_range),
+            "by_slope": _parts_as_json(self.by_slope),
+            "by_range": _parts_as_json(self.by_range),
             "edges": self.edges.as_json(),
         }
 
@@ -85,9 +85,9 @@ class Scores(Parts):
         return {
             **Parts.as_json(self),
             "completeness": finite_or_none(self.completeness),
-            "by_sigma": parts_as_json(self.by_sigma),
+            "by_sigma": _parts_as_json(self.by_sigma),
             "unconfirmed": self.unconfirmed.as_json(),
-            "relative": parts_as_json(self.relative),
+            "relative": _parts_as_json(self.relative),
         }
 
     def rows(self) -> dict[str, Accuracy]:
@@ -175,7 +175,7 @@ def counted_cells(map_: ElevationMap, states: tuple[CellState, ...] = CONFIRMED)
     return counted
 
 
-def parts_as_json(parts: Mapping[str, Accuracy]) -> Json:
+def _parts_as_json(parts: Mapping[str, Accuracy]) -> Json:
     """Return parts by name, as JSON values."""
     return {name: part.as_json() for name, part in parts.items()}
 
@@ -183,14 +183,14 @@ def parts_as_json(parts: Mapping[str, Accuracy]) -> Json:
 def _parts(
     error_m: Float64Array,
     sigma_m: Float64Array,
-    slope_rad: Float64Array,
+    slopes_rad: Float64Array,
     range_m: Float64Array | None,
     edge: BoolArray,
 ) -> Parts:
     """Return the numbers of cells, (N,) arrays; no range, no parts by range."""
     smooth = ~edge
     errors, sigmas = error_m[smooth], sigma_m[smooth]
-    by_slope = classes(np.degrees(slope_rad[smooth]), SLOPE_CLASSES_DEG, "deg")
+    by_slope = classes(np.degrees(slopes_rad[smooth]), SLOPE_CLASSES_DEG, "deg")
     by_range = {} if range_m is None else classes(range_m[smooth], RANGE_CLASSES_M, "m")
     return Parts(
         **asdict(accuracy(errors, sigmas)),

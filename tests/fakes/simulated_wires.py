@@ -1,28 +1,80 @@
 """Simulated signals on the wires of the faked devices, for unmodified drivers to read.
 
 What a simulated sample holds goes back into the registers, frames and bytes that a device would
-have sent. Not simulated: when it would have sent them (all comes as fast as it is read), and the
-accelerations, which the assumed AFT601D does not send.
+have sent. Not simulated: when it would have sent them (all comes as fast as it is read). The
+assumed AFT601D sends no accelerations; they come from a second sensor with a profile of its own.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from drivers.errors import EndOfSource
-from drivers.samples import CanFrameSample, DepthFrame, Sample, VibrationSample, YawRateSample
+from drivers.samples import (
+    AccelerationSample,
+    CanFrameSample,
+    DepthFrame,
+    Sample,
+    VibrationSample,
+    YawRateSample,
+)
 from drivers.source import Source, SourceInfo
 from drivers.vibration.profile import load_profile
 from tests.fakes.fake_time import FakeTime
 from tests.fakes.gyro_registers import EpsonXv
 from tests.fakes.oni_file import write_oni
 from tests.fakes.pty_endpoint import PtyEndpoint
-from tests.fakes.slcan_pty import SlcanPty, frame_line
+from tests.fakes.slcan_pty import frame_line
 from tests.fakes.vibration_bytes import frame_of
 
+# A sensor that streams its raw chip: 16 g over 16 bits, a thousand times a second.
+RAW_PROFILE = f"""
+[profile]
+name = "raw-acceleration"
+device = "accelerometer of the tests"
+source = "none: invented for the tests"
+verified = false
+
+[serial]
+baud = 460800
+data_bits = 8
+parity = "none"
+stop_bits = 1
+
+[link]
+mode = "stream"
+nominal_rate_hz = 1000.0
+identify_within_s = 2.0
+
+[frame]
+sync = "AA 55"
+length = 10
+
+[frame.checksum]
+algorithm = "crc16-modbus"
+span = [0, -2]
+offset = -2
+byte_order = "little"
+
+[[field]]
+name = "acceleration"
+offsets = [2, 4, 6]
+type = "int16"
+byte_order = "little"
+scale = {16.0 * 9.80665 / 32768.0!r}
+unit = "m/s^2"
+
+[sample]
+amplitude = "acceleration"
+quantity = "acceleration"
+statistic = "instantaneous"
+specific_force = "acceleration"
+axes = ["x", "y", "z"]
+"""
 _NO_VALUE = 2**16 - 1
 _PUMP_EVERY_S = 0.0005
 
@@ -103,6 +155,16 @@ def vibration_frames(samples: Iterable[VibrationSample]) -> list[bytes]:
     return frames
 
 
+def raw_frames(profile: Path, samples: Iterable[AccelerationSample]) -> list[bytes]:
+    """Return the frames that a sensor with the profile `RAW_PROFILE` would send."""
+    layout = load_profile(profile)
+    (field,) = layout.field
+    return [
+        frame_of(layout, {field.name: tuple(_count(v, field.scale) for v in s.acceleration_m_s2)})
+        for s in samples
+    ]
+
+
 def _count(value: float, step: float) -> int:
     return _NO_VALUE if value != value else round(value / step)
 
@@ -119,16 +181,14 @@ def depth_file(path: Path, frames: Sequence[DepthFrame]) -> None:
 
 
 @contextmanager
-def pumping(serial: PtyEndpoint, data: bytes, adapter: SlcanPty) -> Iterator[None]:
-    """Send what the terminals have room for while the context lasts, serial port and CAN."""
+def pumping(*pumps: Callable[[], bool]) -> Iterator[None]:
+    """Call each pump again and again, while the context lasts, until it has nothing left."""
     stop = threading.Event()
 
     def pump() -> None:
-        at, waiting = 0, 1
+        running = list(pumps)
         while not stop.wait(_PUMP_EVERY_S):
-            if not serial.unread():
-                at += serial.write(data[at : at + 512])
-            waiting = adapter.pump() if waiting else 0
+            running = [more for more in running if more()]
 
     thread = threading.Thread(target=pump, name="pump")
     thread.start()
@@ -137,3 +197,30 @@ def pumping(serial: PtyEndpoint, data: bytes, adapter: SlcanPty) -> Iterator[Non
     finally:
         stop.set()
         thread.join()
+
+
+class SerialSender:
+    """A sensor's end of a serial cable: sends frames as fast as they are read, when it is pumped.
+
+    It is also the clock for a driver that identifies the sensor by a frame which is not kept.
+    Opening the port throws away what came before, and a session first looks at its clock when the
+    port is open: then the first frame is sent once more.
+    """
+
+    def __init__(self, endpoint: PtyEndpoint, frames: Sequence[bytes]) -> None:
+        self._endpoint = endpoint
+        self._greeting = frames[0]
+        self._data = b"".join(frames)
+
+    def clock_ns(self) -> int:
+        """Return the monotonic clock; the first time, let a frame be heard."""
+        greeting, self._greeting = self._greeting, b""
+        if greeting:
+            self._endpoint.write(greeting)
+        return time.monotonic_ns()
+
+    def pump(self) -> bool:
+        """Send some, if all before was read; return whether there is more."""
+        if not self._endpoint.unread():
+            self._data = self._data[self._endpoint.write(self._data[:512]) :]
+        return bool(self._data)

@@ -12,7 +12,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from threading import Event, Timer
-from time import monotonic_ns
 
 import pytest
 
@@ -28,6 +27,7 @@ from drivers.depth.openni_library import find_library, usual_folders
 from drivers.errors import DriverError
 from drivers.gyro.yaw_gyro import YawGyro
 from drivers.samples import (
+    AccelerationSample,
     CanFrameSample,
     DepthFrame,
     Sample,
@@ -52,11 +52,14 @@ from tests.fakes.i2c_ioctl import FakeI2c
 from tests.fakes.pty_endpoint import PtyEndpoint
 from tests.fakes.recordings import bits
 from tests.fakes.simulated_wires import (
+    RAW_PROFILE,
     Finite,
+    SerialSender,
     SignalGyro,
     can_lines,
     depth_file,
     pumping,
+    raw_frames,
     vibration_frames,
 )
 from tests.fakes.slcan_pty import SlcanPty
@@ -136,7 +139,8 @@ def test_serial_i2c_and_can_bytes_become_the_same_recording(
     twists = [s for s in as_samples if isinstance(s, WheelTwistSample)]
     path = tmp_path / "bytes.mcap"
     with PtyEndpoint(tmp_path / "ttyV") as serial, SlcanPty(tmp_path / "can0", seed=1) as adapter:
-        sensor = VibrationSensor(str(serial.path), clock_ns=Greeting(serial, frames[0]))
+        sender = SerialSender(serial, frames)
+        sensor = VibrationSensor(str(serial.path), clock_ns=sender.clock_ns)
         wheels = Wheels(
             str(adapter.path),
             interface="slcan",
@@ -151,7 +155,7 @@ def test_serial_i2c_and_can_bytes_become_the_same_recording(
         )
         assert not recorder.preflight().missing
         adapter.feed(can_lines(can_frames))
-        with pumping(serial, b"".join(frames), adapter):
+        with pumping(sender.pump, lambda: adapter.pump() > 0):
             as_bytes = record(path, recorder)
     # The bus has another name here than it could have in the simulation.
     expected = [
@@ -162,6 +166,25 @@ def test_serial_i2c_and_can_bytes_become_the_same_recording(
     assert len({s.temperature_c for s in yaw_rates}) == 2
     for kind in (VibrationSample, YawRateSample, CanFrameSample, WheelTwistSample):
         assert without_stamps(as_bytes, kind) == without_stamps(expected, kind), kind
+
+
+def test_raw_accelerations_over_a_serial_port_become_the_same_recording(
+    tmp_path: Path, as_samples: list[Sample]
+) -> None:
+    profile = tmp_path / "raw.toml"
+    profile.write_text(RAW_PROFILE)
+    frames = raw_frames(profile, (s for s in as_samples if isinstance(s, AccelerationSample)))
+    path = tmp_path / "bytes.mcap"
+    with PtyEndpoint(tmp_path / "ttyA") as serial:
+        sender = SerialSender(serial, frames)
+        sensor = VibrationSensor(str(serial.path), profile, clock_ns=sender.clock_ns)
+        recorder = recorder_of(path, Finite(sensor, 2 * len(frames)))
+        assert not recorder.preflight().missing
+        with pumping(sender.pump):
+            as_bytes = record(path, recorder)
+    assert len(frames) == 1999
+    found, expected = (without_stamps(s, AccelerationSample) for s in (as_bytes, as_samples))
+    assert found == expected
 
 
 def test_an_openni_recording_becomes_the_same_depth(
@@ -186,21 +209,3 @@ def require_openni() -> None:
         find_library(usual_folders())
     except DriverError as error:
         give_up(str(error))
-
-
-class Greeting:
-    """A clock for a sensor that hears one frame as soon as it listens.
-
-    Opening the sensor waits for a frame, which is not kept, and opening the port throws away what
-    came before. A session first looks at its clock when the port is open.
-    """
-
-    def __init__(self, serial: PtyEndpoint, frame: bytes) -> None:
-        self._serial = serial
-        self._frame = frame
-
-    def __call__(self) -> int:
-        frame, self._frame = self._frame, b""
-        if frame:
-            self._serial.write(frame)
-        return monotonic_ns()
