@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from mapping.cells.cell_layers import CellLayers, copy_cells, empty_layers
 from mapping.cells.grid import CellWindow
 from mapping.world.tile_store import TileStore
@@ -24,7 +26,7 @@ class WorldCells:
         """Take a block of cells; layers (window.cells_y, window.cells_x)."""
         for tile, inside, outside in shares(window):
             known = self._tile(tile)
-            if _any(layers, outside) or _any(known, inside):
+            if _differ(layers, outside, known, inside):
                 copy_cells(layers, outside, known, inside)
                 self._changed.add(tile)
 
@@ -63,6 +65,7 @@ class WorldCells:
             self._changed.discard(tile)
 
 
-def _any(layers: CellLayers, place: Place) -> bool:
-    """Tell whether there is anything in those cells."""
-    return any(layer[place].any() for layer in layers._asdict().values())
+def _differ(some: CellLayers, here: Place, others: CellLayers, there: Place) -> bool:
+    """Tell whether any layer of the cells at the two places differs."""
+    pairs = zip(some._asdict().values(), others._asdict().values(), strict=True)
+    return any(not np.array_equal(one[here], other[there]) for one, other in pairs)
