@@ -118,15 +118,14 @@ def test_looking_elsewhere_or_into_nothing_forgets_nothing() -> None:
     assert (_under(BOX, stage)[0] > 0.3).all()
 
 
-@pytest.mark.parametrize("width_m", [0.04, 0.08])
-@pytest.mark.parametrize("offset_m", [0.0, 0.02])
+@pytest.mark.parametrize(("width_m", "offset_m"), [(0.04, 0.02), (0.04, 0.0), (0.08, 0.01)])
 def test_a_thin_post_survives_a_drive_past_it(width_m: float, offset_m: float) -> None:
     """One or two cells wide, on the grid's lines and between them, from 2 m away to beside it."""
     x = 1.0 + offset_m
     post: Box = (x, 0.1, 0.0, x + width_m, 0.1 + width_m, 0.5)
     stage = _stage(seen_through_frames=1)
-    for n in range(16):
-        stage.see([post, WALL], (-1.0 + 0.15 * n, 0.0, 0.4 + 0.1 * np.sin(n)), 5.0 * np.sin(n))
+    for n in range(9):
+        stage.see([post, WALL], (-1.0 + 0.25 * n, 0.0, 0.4 + 0.1 * np.sin(n)), 5.0 * np.sin(n))
     around: Box = (x - 0.03, 0.07, 0.0, x + width_m + 0.03, 0.13 + width_m, 0.5)
     assert np.nanmax(_under(around, stage)[0]) > 0.1
     assert stage.mapper.counts.cleared == 0

@@ -20,7 +20,7 @@ def test_the_printed_map_comes_with_its_faults(
 ) -> None:
     run, plain, printed = (tmp_path / name for name in ("run.mcap", "a.nc", "b.nc"))
     settings = {"depth_noise": IDEAL_CAMERA_NOISE}
-    record_all(IdealDrive(2, 0.3), run, static_transforms=mount().transforms, settings=settings)
+    record_all(IdealDrive(2, 0.2), run, static_transforms=mount().transforms, settings=settings)
     assert cli.main(["map", str(run), "-o", str(plain)]) == 0
     assert not any(fault in capsys.readouterr().err for fault in FAULTS)
     assert cli.main(["map", str(run), "-o", str(printed), "--method", "paper2019"]) == 0

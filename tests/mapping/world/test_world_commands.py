@@ -19,7 +19,7 @@ from tests.mapping.scenes import mount
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recorded") / "run.mcap"
     record_all(
-        IdealDrive(2, 0.5),
+        IdealDrive(2, 0.2),
         path,
         static_transforms=mount().transforms,
         settings={"depth_noise": IDEAL_CAMERA_NOISE},
