@@ -30,7 +30,7 @@ from acquisition.recording.source_worker import WorkerSettings
 from acquisition.recovery.container import Container, RecordedMessage
 from acquisition.stream.byte_source import FinishedFile
 from acquisition.stream.split_writer import PartLimits
-from benchmarks.load import add_stand_ins, sources
+from benchmarks.load import sources
 from tests.fakes.paced_source import PacedSource
 
 BAR = 1.5
@@ -48,7 +48,6 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="where to record; default: a temporary folder")
     parser.add_argument("--json", type=Path, help="file for the figures")
     arguments = parser.parse_args()
-    add_stand_ins()
     with tempfile.TemporaryDirectory(dir=arguments.folder) as folder:
         figures = measure(Path(folder), arguments)
     for name, value in figures.items():
