@@ -30,7 +30,6 @@ _COUNTER_PERIOD = 1 << 32
 Make = Callable[[int, int], Sample]
 
 
-
 def sources() -> list[PacedSource]:
     """Return depth 30 Hz, vibration 1 kHz, gyro 400 Hz, CAN 500 Hz, motion capture 100 Hz."""
     return [

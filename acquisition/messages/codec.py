@@ -8,6 +8,7 @@ the MCAP message record, and further fields are in a message of their own, a com
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -18,9 +19,12 @@ from rosbags.serde import SerdeError
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.errors import StreamError
 from acquisition.health.diagnostics import Diagnostics, decode_diagnostics, encode_diagnostics
+from acquisition.messages.cdr_layout import Parts
 from acquisition.messages.clock import CLOCK_TYPE, decode_clock, encode_clock
 from acquisition.messages.companions import Companion
 from acquisition.messages.depth import (
+    CAMERA_TYPE,
+    IMAGE_TYPE,
     TICKS_TYPE,
     CameraInfo,
     DepthImage,
@@ -40,6 +44,7 @@ from acquisition.messages.gyro import (
     encode_yaw_rate,
 )
 from acquisition.messages.motion import (
+    POSE_TYPE,
     decode_acceleration,
     decode_pose,
     decode_transforms,
@@ -48,11 +53,13 @@ from acquisition.messages.motion import (
     encode_transforms,
 )
 from acquisition.messages.ros_fields import MAX_UINT32
+from acquisition.messages.ros_types import IMU_TYPE
 from acquisition.messages.ros_types import typestore as typestore
 from acquisition.messages.vibration import VIBRATION_TYPE, decode_vibration, encode_vibration
 from acquisition.messages.wheels import (
     CAN_TYPE,
     SPEEDS_TYPE,
+    TWIST_TYPE,
     decode_can,
     decode_speeds,
     decode_twist,
@@ -84,8 +91,9 @@ class MessageType:
         topic: where the message is published.
         ros_type: its ROS 2 type, "package/msg/Name".
         sample_type: the type of which `encode` makes this message.
-        encode: sample to ROS message object, or None where the sample has nothing to say here;
-            ValueError with the reason.
+        encode: sample to its CDR bytes, or to a ROS message object that is still to be
+            serialised, or None where the sample has nothing to say here; ValueError with the
+            reason.
         decode: ROS message object and sequence number to record; ValueError with the reason.
     """
 
@@ -97,10 +105,20 @@ class MessageType:
 
 
 class EncodedMessage(NamedTuple):
-    """A message ready to be written: its topic and its CDR bytes."""
+    """A message ready to be written.
+
+    Attributes:
+        topic: where it is published.
+        parts: its CDR bytes, in pieces that follow one another.
+    """
 
     topic: str
-    cdr: bytes
+    parts: Parts
+
+    @property
+    def cdr(self) -> bytes:
+        """Its CDR bytes in one piece."""
+        return b"".join(self.parts)
 
 
 @cache
@@ -137,9 +155,11 @@ def _serialise(row: MessageType, sample: Recordable) -> EncodedMessage | None:
         message = row.encode(sample)
         if message is None:
             return None
+        if isinstance(message, tuple):
+            return EncodedMessage(row.topic, message)
         cdr = typestore().serialize_cdr(message, row.ros_type, little_endian=True)
-        return EncodedMessage(row.topic, bytes(cdr))
-    except ValueError as error:
+        return EncodedMessage(row.topic, (bytes(cdr),))
+    except (ValueError, struct.error) as error:
         raise StreamError(f"cannot write {row.topic} at {sample.t_ns} ns: {error}") from error
 
 
@@ -182,35 +202,35 @@ MESSAGE_TYPES: tuple[MessageType, ...] = (
     ),
     MessageType(
         "/depth/camera_info",
-        "sensor_msgs/msg/CameraInfo",
+        CAMERA_TYPE,
         DepthFrame,
         encode_camera,
         decode_camera,
     ),
     MessageType("/depth/ticks", TICKS_TYPE, DepthFrame, encode_ticks, decode_ticks),
-    MessageType("/depth/image", "sensor_msgs/msg/Image", DepthFrame, encode_depth, decode_depth),
+    MessageType("/depth/image", IMAGE_TYPE, DepthFrame, encode_depth, decode_depth),
     MessageType(
         "/mocap/pose",
-        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        POSE_TYPE,
         PoseSample,
         encode_pose,
         decode_pose,
     ),
     MessageType(
         "/acceleration",
-        "sensor_msgs/msg/Imu",
+        IMU_TYPE,
         AccelerationSample,
         encode_acceleration,
         decode_acceleration,
     ),
     MessageType("/vibration", VIBRATION_TYPE, VibrationSample, encode_vibration, decode_vibration),
     MessageType("/gyro/raw", RAW_TYPE, YawRateSample, encode_gyro_raw, decode_gyro_raw),
-    MessageType("/gyro", "sensor_msgs/msg/Imu", YawRateSample, encode_yaw_rate, decode_yaw_rate),
+    MessageType("/gyro", IMU_TYPE, YawRateSample, encode_yaw_rate, decode_yaw_rate),
     MessageType("/can", CAN_TYPE, CanFrameSample, encode_can, decode_can),
     MessageType("/wheels/speeds", SPEEDS_TYPE, WheelTwistSample, encode_speeds, decode_speeds),
     MessageType(
         "/wheels",
-        "geometry_msgs/msg/TwistWithCovarianceStamped",
+        TWIST_TYPE,
         WheelTwistSample,
         encode_twist,
         decode_twist,

@@ -143,7 +143,8 @@ def test_a_rounded_quaternion_of_another_program_is_normalised() -> None:
 def changed(topic: str, change: Any) -> bytes:
     """Return an example message after changing its ROS object."""
     row = row_of(topic)
-    ros = row.encode(EXAMPLES[topic])
+    # Of a bytearray, the arrays of the message can be changed.
+    ros = typestore().deserialize_cdr(memoryview(bytearray(example_cdr(row))), row.ros_type)
     change(ros)
     return bytes(typestore().serialize_cdr(ros, row.ros_type))
 
