@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, BinaryIO, cast
+from typing import BinaryIO
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Schema
-from mcap.writer import Writer
 
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.closing import ClosedOnExit
@@ -16,6 +15,7 @@ from acquisition.errors import StreamError
 from acquisition.messages import codec
 from acquisition.messages.codec import Recordable
 from acquisition.messages.frames import StaticTransform, StaticTransforms
+from acquisition.stream.mcap_writer import McapWriter
 from acquisition.stream.output import StreamOutput
 from acquisition.stream.provenance import METADATA_NAME, provenance, software_versions
 from drivers.samples import Sample
@@ -76,8 +76,7 @@ class StreamWriter(ClosedOnExit):
         self._flushed_at_ns: int | None = None
         self._closed = False
         self._output = StreamOutput(output)
-        # Of a file, the Writer uses only what StreamOutput has.
-        self._writer = Writer(cast(IO[bytes], self._output), chunk_size=chunk_size_bytes)
+        self._writer = McapWriter(self._output, chunk_size_bytes)
         try:
             self._writer.start("ros2", f"terravibe {software_versions()['terravibe']}")
             self._writer.add_metadata(METADATA_NAME, record)
@@ -135,7 +134,7 @@ class StreamWriter(ClosedOnExit):
             StreamError: closed, or the output refused it.
         """
         self._require_open()
-        self._writer.add_metadata(name, dict(record))
+        self._writer.add_metadata(name, record)
 
     def _require_open(self) -> None:
         if self._closed or self._output.failed:
@@ -182,17 +181,12 @@ class StreamWriter(ClosedOnExit):
         log_time_ns: int,
         sequence: int,
     ) -> int:
-        size_bytes = 0
-        for message in encoded:
-            size_bytes += len(message.cdr)
+        return sum(
             self._writer.add_message(
-                channel_id=self._channels[message.topic],
-                log_time=log_time_ns,
-                data=message.cdr,
-                publish_time=publish_time_ns,
-                sequence=sequence,
+                self._channels[topic], log_time_ns, publish_time_ns, sequence, parts
             )
-        return size_bytes
+            for topic, parts in encoded
+        )
 
     def flush(self) -> None:
         """Close the chunk in progress and hand it to the operating system.
