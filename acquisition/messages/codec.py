@@ -134,9 +134,10 @@ def types_of(sample_types: Sequence[type[Recordable]]) -> list[MessageType]:
 
 def rows_of(kind: type[Recordable]) -> Sequence[MessageType]:
     """Return the rows that one sample type is written as; the same as `types_of`, but quick."""
-    if kind not in _BY_SAMPLE_TYPE:
-        _BY_SAMPLE_TYPE[kind] = types_of([kind])
-    return _BY_SAMPLE_TYPE[kind]
+    rows = _BY_SAMPLE_TYPE.get(kind)
+    if rows is None:
+        rows = _BY_SAMPLE_TYPE[kind] = types_of([kind])
+    return rows
 
 
 def encode(sample: Recordable) -> list[EncodedMessage]:
@@ -146,21 +147,20 @@ def encode(sample: Recordable) -> list[EncodedMessage]:
         StreamError: the sample cannot be told as a message (time or sequence out of range,
             not finite, wrong shape); names the topic and the time.
     """
-    encoded = [_serialise(row, sample) for row in rows_of(type(sample))]
-    return [message for message in encoded if message is not None]
+    encoded: list[EncodedMessage] = []
+    for row in rows_of(type(sample)):
+        try:
+            message = row.encode(sample)
+            if message is not None:
+                parts = message if isinstance(message, tuple) else _serialise(message, row)
+                encoded.append(EncodedMessage(row.topic, parts))
+        except (ValueError, struct.error) as error:
+            raise StreamError(f"cannot write {row.topic} at {sample.t_ns} ns: {error}") from error
+    return encoded
 
 
-def _serialise(row: MessageType, sample: Recordable) -> EncodedMessage | None:
-    try:
-        message = row.encode(sample)
-        if message is None:
-            return None
-        if isinstance(message, tuple):
-            return EncodedMessage(row.topic, message)
-        cdr = typestore().serialize_cdr(message, row.ros_type, little_endian=True)
-        return EncodedMessage(row.topic, (bytes(cdr),))
-    except (ValueError, struct.error) as error:
-        raise StreamError(f"cannot write {row.topic} at {sample.t_ns} ns: {error}") from error
+def _serialise(message: object, row: MessageType) -> Parts:
+    return (bytes(typestore().serialize_cdr(message, row.ros_type, little_endian=True)),)
 
 
 def decode(row: MessageType, cdr: bytes, *, log_time_ns: int, sequence: int) -> Record:

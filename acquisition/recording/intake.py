@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 from acquisition.clocks.recorder_clock import Clock
 from acquisition.health.stream_track import StreamStatistics, StreamTrack
@@ -52,7 +53,7 @@ class Intake:
             dropped -= dropped_here
             self._reopened.discard(kind)
             t_ns = self._clock.log_time_ns(sample.t_ns) if live else sample.t_ns
-            stamped.append(Stamped(t_ns, replace(sample, t_ns=t_ns, sequence=sequence)))
+            stamped.append(Stamped(t_ns, restamped(sample, t_ns, sequence)))
         return stamped
 
     def _track(self, kind: type[Sample], batch: Batch) -> StreamTrack:
@@ -64,3 +65,26 @@ class Intake:
     def end_interval(self, duration_s: float) -> dict[type[Sample], StreamStatistics]:
         """Return the figures of each stream and begin the next interval."""
         return {kind: track.end_interval(duration_s) for kind, track in self._tracks.items()}
+
+
+def restamped(sample: Sample, t_ns: int, sequence: int) -> Sample:
+    """Return the sample with another time and number; `dataclasses.replace`, but faster."""
+    values, time_at, number_at = _fields_of(type(sample))
+    changed = list(values(sample))
+    changed[time_at] = t_ns
+    changed[number_at] = sequence
+    return type(sample)(*changed)
+
+
+_Fields = tuple[Callable[[Sample], tuple[Any, ...]], int, int]
+_FIELDS: dict[type[Sample], _Fields] = {}
+
+
+def _fields_of(kind: type[Sample]) -> _Fields:
+    """Return what gives all fields of such a sample, and the places of time and number."""
+    known = _FIELDS.get(kind)
+    if known is None:
+        names = [field.name for field in fields(kind)]
+        places = names.index("t_ns"), names.index("sequence")
+        known = _FIELDS[kind] = (attrgetter(*names), *places)
+    return known

@@ -85,17 +85,16 @@ class SampleQueue:
 
     def _that_fit(self, samples: Sequence[Sample]) -> Sequence[Sample]:
         """Return the first of them that find room, and count them as waiting."""
-        size_bytes = kept = 0
-        room_bytes = self._limit_bytes - self._size_bytes
+        kept = 0
         for sample in samples:
-            size_bytes += size_in_memory(sample)
-            if size_bytes > room_bytes:
-                size_bytes -= size_in_memory(sample)
+            size_bytes = self._size_bytes + size_in_memory(sample)
+            if size_bytes > self._limit_bytes:
                 break
+            self._size_bytes = size_bytes
             kept += 1
         self._samples += kept
-        self._size_bytes += size_bytes
-        self._highest_bytes = max(self._highest_bytes, self._size_bytes)
+        if self._size_bytes > self._highest_bytes:
+            self._highest_bytes = self._size_bytes
         return samples if kept == len(samples) else samples[:kept]
 
     def take(self) -> list[Batch]:

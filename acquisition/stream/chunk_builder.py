@@ -41,7 +41,11 @@ class FinishedChunk:
 
 
 class ChunkBuilder:
-    """Takes messages in pieces and copies none of them before the chunk is finished."""
+    """Takes messages in pieces and copies none of them before the chunk is finished.
+
+    Attributes:
+        size_bytes: size before compression so far.
+    """
 
     def __init__(self) -> None:
         self._compressor = zstandard.ZstdCompressor()
@@ -51,12 +55,7 @@ class ChunkBuilder:
         self._parts: list[bytes | memoryview] = []
         # For each channel log time and offset of each message, one behind the other.
         self._entries: dict[int, list[int]] = {}
-        self._size_bytes = 0
-
-    @property
-    def size_bytes(self) -> int:
-        """Size before compression so far."""
-        return self._size_bytes
+        self.size_bytes = 0
 
     def define(self, definition: Schema | Channel) -> None:
         """Put a definition where the chunk stands."""
@@ -64,7 +63,7 @@ class ChunkBuilder:
         definition.write(builder)
         record = builder.end()
         self._parts.append(record)
-        self._size_bytes += len(record)
+        self.size_bytes += len(record)
 
     def add(
         self,
@@ -79,7 +78,7 @@ class ChunkBuilder:
         if entries is None:
             entries = self._entries[channel_id] = []
         entries.append(log_time_ns)
-        entries.append(self._size_bytes)
+        entries.append(self.size_bytes)
         data_bytes = sum(map(len, parts))
         length = _MESSAGE_FIELDS_BYTES + data_bytes
         self._parts.append(
@@ -88,7 +87,7 @@ class ChunkBuilder:
             )
         )
         self._parts += parts
-        self._size_bytes += _MESSAGE.size + data_bytes
+        self.size_bytes += _MESSAGE.size + data_bytes
         return data_bytes
 
     def finish(self, offset: int) -> FinishedChunk | None:

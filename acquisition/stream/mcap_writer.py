@@ -69,7 +69,7 @@ class McapWriter:
         """Define a schema in the chunk in progress; return its number."""
         schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
         self._schemas.append(schema)
-        self._define(schema)
+        self._chunk.define(schema)
         return schema.id
 
     def register_channel(self, topic: str, encoding: str, schema_id: int) -> int:
@@ -82,12 +82,8 @@ class McapWriter:
             schema_id=schema_id,
         )
         self._channels.append(channel)
-        self._define(channel)
+        self._chunk.define(channel)
         return channel.id
-
-    def _define(self, definition: Schema | Channel) -> None:
-        self._chunk.define(definition)
-        self._close_large_chunk()
 
     def add_metadata(self, name: str, record: Mapping[str, str]) -> None:
         """Write a metadata record; the chunk in progress stays open."""
@@ -113,13 +109,11 @@ class McapWriter:
             sequence: 0 to 2^32-1.
             parts: its data; kept as they are until the chunk is closed.
         """
-        size_bytes = self._chunk.add(channel_id, log_time_ns, publish_time_ns, sequence, parts)
-        self._close_large_chunk()
-        return size_bytes
-
-    def _close_large_chunk(self) -> None:
-        if self._chunk.size_bytes > self._chunk_size_bytes:
+        chunk = self._chunk
+        size_bytes = chunk.add(channel_id, log_time_ns, publish_time_ns, sequence, parts)
+        if chunk.size_bytes > self._chunk_size_bytes:
             self._close_chunk()
+        return size_bytes
 
     def _close_chunk(self) -> None:
         chunk = self._chunk.finish(self._output.tell())

@@ -87,11 +87,12 @@ class PartStore(Protocol):
 
 @dataclass(slots=True)
 class _Part:
-    """The part in progress."""
+    """The part in progress; it ends before the first item of `ends_ns` or later."""
 
     writer: StreamWriter
     first_ns: int = -1
     last_ns: int = -1
+    ends_ns: int = _NEVER
     pending: list[Stamped] = field(default_factory=list)
     pending_bytes: int = 0
     flushed: int = 0
@@ -197,7 +198,7 @@ class SplitWriter:
 
     def _append(self, item: Stamped) -> int:
         """Write an item to the chunk in progress; return its size, 0 when it was refused."""
-        if self._limits is not NO_LIMITS and self._is_full(item.log_time_ns):
+        if item.log_time_ns >= self._part.ends_ns:
             self._flush()
             self.begin_part()
         part = self._part
@@ -209,27 +210,29 @@ class SplitWriter:
             self.refusal = str(error)
             return 0
         if part.first_ns < 0:
-            part.first_ns = part.last_ns = item.log_time_ns
-        part.last_ns = max(part.last_ns, item.log_time_ns)
+            self._begin_time(part, item.log_time_ns)
+        elif item.log_time_ns > part.last_ns:
+            part.last_ns = item.log_time_ns
         part.pending.append(item)
         part.pending_bytes += size_bytes
         if part.pending_bytes >= CHUNK_SIZE_BYTES:
             self._flush()
         return size_bytes
 
-    def _is_full(self, log_time_ns: int) -> bool:
-        limits, part = self._limits, self._part
-        if part.first_ns < 0:
-            return False
-        size_bytes = part.writer.bytes_written
-        too_long = bool(limits.duration_ns) and log_time_ns - part.first_ns >= limits.duration_ns
-        return too_long or (bool(limits.size_bytes) and size_bytes >= limits.size_bytes)
+    def _begin_time(self, part: _Part, log_time_ns: int) -> None:
+        part.first_ns = part.last_ns = log_time_ns
+        if self._limits.duration_ns:
+            part.ends_ns = log_time_ns + self._limits.duration_ns
 
     def _flush(self) -> None:
+        part, size_bytes = self._part, self._limits.size_bytes
         try:
-            self._part.flush()
+            part.flush()
         except StreamError as error:
             self._go_on_elsewhere(error)
+            return
+        if size_bytes and part.flushed and part.writer.bytes_written >= size_bytes:
+            part.ends_ns = 0
 
     def _go_on_elsewhere(self, error: StreamError) -> None:
         """Write what is in no complete chunk to the next place; each place is tried once."""

@@ -152,7 +152,8 @@ class StreamWriter(ClosedOnExit):
             StreamError: closed, not announced, not expressible as a message, or the output
                 refused it (disk full).
         """
-        self._require_open()
+        if self._closed or self._output.failed:
+            self._require_open()
         if type(sample) not in self._types:
             raise StreamError(f"no source of this recording produces {type(sample).__name__}")
         log_time_ns = sample.t_ns if log_time_ns is None else log_time_ns
@@ -181,12 +182,12 @@ class StreamWriter(ClosedOnExit):
         log_time_ns: int,
         sequence: int,
     ) -> int:
-        return sum(
-            self._writer.add_message(
+        size_bytes = 0
+        for topic, parts in encoded:
+            size_bytes += self._writer.add_message(
                 self._channels[topic], log_time_ns, publish_time_ns, sequence, parts
             )
-            for topic, parts in encoded
-        )
+        return size_bytes
 
     def flush(self) -> None:
         """Close the chunk in progress and hand it to the operating system.
