@@ -69,7 +69,7 @@ class McapWriter:
         """Define a schema in the chunk in progress; return its number."""
         schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
         self._schemas.append(schema)
-        self._chunk.define(schema)
+        self._define(schema)
         return schema.id
 
     def register_channel(self, topic: str, encoding: str, schema_id: int) -> int:
@@ -82,7 +82,7 @@ class McapWriter:
             schema_id=schema_id,
         )
         self._channels.append(channel)
-        self._chunk.define(channel)
+        self._define(channel)
         return channel.id
 
     def add_metadata(self, name: str, record: Mapping[str, str]) -> None:
@@ -114,6 +114,11 @@ class McapWriter:
         if chunk.size_bytes > self._chunk_size_bytes:
             self._close_chunk()
         return size_bytes
+
+    def _define(self, definition: Schema | Channel) -> None:
+        self._chunk.define(definition)
+        if self._chunk.size_bytes > self._chunk_size_bytes:
+            self._close_chunk()
 
     def _close_chunk(self) -> None:
         chunk = self._chunk.finish(self._output.tell())
