@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _UNUSABLE = 2
 _INTERRUPTED = 130
 _LOG_EVERY = 10  # states, one a second
-_ROOMS = ("drivers", "acquisition", "mapping", "simulation")
+_ROOMS = ("drivers", "acquisition", "mapping", "calibration_rigs", "simulation")
 
 
 class _Command(NamedTuple):
@@ -48,6 +48,7 @@ _COMMANDS = {
     "map": _Command("turn a recording into an elevation map", "mapping.commands"),
     "export": _Command("convert a map to GeoTIFF, PLY or PNG, draw figures", "mapping.commands"),
     "evaluate": _Command("compare a map with the truth or a flat floor", "mapping.commands"),
+    "calibrate": _Command("make calibration files on a rig", "calibration_rigs.commands"),
     "warmup": _Command("compile the mapping kernels now", "mapping.commands"),
 }
 
