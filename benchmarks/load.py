@@ -17,15 +17,16 @@ from drivers.samples import (
     YawRateSample,
     frozen_array,
 )
+from drivers.source import TickCounter
 from tests.fakes.paced_source import PacedSource
 
 CAMERA = CameraIntrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
+_TICKS_PER_US = 60
+KINECT_COUNTER = TickCounter(1e6 * _TICKS_PER_US, 1 << 32)
 _DIFFERENT_FRAMES = 16
 _DISPARITY_NOISE = 0.13
 _DIFFERENT_SAMPLES = 1024
 _GYRO_RAD_S = 1.2e-3  # one count
-_TICKS_PER_US = 60  # of the Kinect's counter, which has 32 bits
-_COUNTER_PERIOD = 1 << 32
 
 Make = Callable[[int, int], Sample]
 
@@ -37,7 +38,7 @@ def sources() -> list[PacedSource]:
         PacedSource("gyro", 400.0, YawRateSample, _yaw_rate()),
         PacedSource("can", 500.0, CanFrameSample, _can_frame()),
         PacedSource("mocap", 100.0, PoseSample, _pose()),
-        PacedSource("depth", 30.0, DepthFrame, _depth()),
+        PacedSource("depth", 30.0, DepthFrame, _depth(), counter=KINECT_COUNTER),
     ]
 
 
@@ -104,7 +105,7 @@ def _depth() -> Make:
             frames[number % len(frames)],
             t_ns=t_ns,
             sequence=number,
-            device_ticks=t_ns * _TICKS_PER_US // 1000 % _COUNTER_PERIOD,
+            device_ticks=t_ns * _TICKS_PER_US // 1000 % (1 << 32),
         )
 
     return make

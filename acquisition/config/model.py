@@ -48,6 +48,22 @@ class RecordingSection(_Strict):
     realtime_priority: Annotated[int, Field(ge=0, le=99)] = 0
 
 
+class DeviceClockSection(_Strict):
+    """[devices.clock]: what is known about the device's own clock."""
+
+    tick_rate_hz: _Positive | None = None
+    wrap_ticks: Annotated[int, Field(ge=256)] | None = None
+    window_s: _Positive = 60.0
+    max_drift_ppm: Annotated[float, Field(ge=0.0, lt=1e6)] = 500.0
+    min_delay_ms: _NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _wraps_what_it_counts(self) -> Self:
+        if self.wrap_ticks is not None and self.tick_rate_hz is None:
+            raise ValueError("wrap_ticks is given without tick_rate_hz")
+        return self
+
+
 class DeviceEntry(BaseModel):
     """[[devices]]: a kind, and the settings of its driver, which knows them best."""
 
@@ -55,6 +71,7 @@ class DeviceEntry(BaseModel):
 
     kind: str
     name: _Name | None = None
+    clock: DeviceClockSection = DeviceClockSection()
 
     @field_validator("kind")
     @classmethod

@@ -7,11 +7,13 @@ from dataclasses import fields
 from operator import attrgetter
 from typing import Any, NamedTuple
 
+from acquisition.clocks.clock_follower import ClockFollower, ClockTuning
 from acquisition.clocks.recorder_clock import Clock
 from acquisition.health.stream_track import StreamStatistics, StreamTrack
 from acquisition.messages.codec import Recordable
 from acquisition.recording.sample_queue import Batch
-from drivers.samples import Sample
+from drivers.samples import DepthFrame, Sample, VibrationSample
+from drivers.source import SourceInfo
 
 
 class Stamped(NamedTuple):
@@ -26,10 +28,17 @@ class Intake:
 
     A live source stamps with the monotonic clock, which means nothing to others; in the stream
     every stamp is in the clock's log time. Samples that carry recorded times keep them.
+
+    Attributes:
+        follower: follows the source's own clock.
     """
 
-    def __init__(self, clock: Clock, rates_hz: Mapping[type[Sample], float]) -> None:
+    def __init__(
+        self, clock: Clock, rates_hz: Mapping[type[Sample], float], tuning: ClockTuning
+    ) -> None:
         """Expect these rates; where one is missing, what the source itself says."""
+        self.follower = ClockFollower(tuning)
+        self._info: SourceInfo | None = None
         self._clock = clock
         self._rates_hz = rates_hz
         self._tracks: dict[type[Sample], StreamTrack] = {}
@@ -41,6 +50,8 @@ class Intake:
         if batch.reopened:
             self._reopened = set(self._tracks)
         live = batch.info.time_base == "monotonic"
+        if live:
+            self._follow(batch)
         stamped: list[Stamped] = []
         for sample in batch.samples:
             kind = type(sample)
@@ -55,6 +66,17 @@ class Intake:
             t_ns = self._clock.log_time_ns(sample.t_ns) if live else sample.t_ns
             stamped.append(Stamped(t_ns, restamped(sample, t_ns, sequence)))
         return stamped
+
+    def _follow(self, batch: Batch) -> None:
+        """Show the follower the last sample, the only one that is stamped with its arrival."""
+        if batch.reopened or batch.info is not self._info:
+            self._info = batch.info
+            self.follower.begin(batch.info.counter)
+        for sample in reversed(batch.samples):
+            if isinstance(sample, DepthFrame | VibrationSample):
+                if sample.device_ticks is not None:
+                    self.follower.take(sample.device_ticks, sample.t_ns)
+                return
 
     def _track(self, kind: type[Sample], batch: Batch) -> StreamTrack:
         if kind not in self._tracks:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from acquisition.clocks.clock_follower import ClockTuning
 from acquisition.health.snapshot import HealthSnapshot
 from acquisition.messages.frames import StaticTransform
 from acquisition.recording.preflight import PREFLIGHT_TIMEOUT_S, STOP_TIMEOUT_S
@@ -24,6 +25,7 @@ class RecordingPlan:
         static_transforms: where the frames sit.
         settings: the resolved configuration, as JSON values; kept in the recording.
         rates_hz: expected rates, over what the sources say themselves.
+        clocks: what is known about the sources' own clocks, by name of the source.
         require_all: refuse to start unless every source is there.
         flush_interval_s: at most about so much is lost when the program is killed.
         preflight_timeout_s: how long a source may take to open.
@@ -34,6 +36,7 @@ class RecordingPlan:
     static_transforms: Sequence[StaticTransform] = ()
     settings: Mapping[str, object] = field(default_factory=dict)
     rates_hz: Mapping[type[Sample], float] = field(default_factory=dict)
+    clocks: Mapping[str, ClockTuning] = field(default_factory=dict)
     require_all: bool = False
     flush_interval_s: float = 0.05
     preflight_timeout_s: float = PREFLIGHT_TIMEOUT_S
