@@ -31,6 +31,7 @@ from typing import BinaryIO
 
 import numpy as np
 from mcap.writer import Writer
+from numpy.typing import NDArray
 
 from acquisition.messages import codec
 from acquisition.recording.disk_output import DiskOutput
@@ -44,6 +45,8 @@ from acquisition.stream.split_writer import PartLimits
 from benchmarks.load import sources
 from tests.fakes.paced_source import PacedSource
 
+IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
 BAR = 1.5
 _FLUSH_NS = 50_000_000
 _BARE_SECONDS = 20.0
@@ -250,13 +253,28 @@ class _Memory:
         settled = np.array(self._rss_mb[len(self._rss_mb) // 5 :])
         seconds = np.arange(settled.size)
         slope, start = np.polyfit(seconds, settled, 1)
-        noise = float(np.std(settled - (start + slope * seconds)))
+        left_over = settled - (start + slope * seconds)
         return {
             "rss_mb_mean": round(float(settled.mean()), 1),
+            "rss_mb_max": round(float(settled.max()), 1),
             "rss_slope_mb_per_min": round(float(slope) * 60.0, 3),
-            "rss_noise_mb": round(noise, 2),
+            "rss_slope_error_mb_per_min": round(_slope_error(seconds, left_over) * 60.0, 3),
+            "rss_noise_mb": round(float(np.std(left_over)), 2),
             "cpus": os.cpu_count(),
         }
+
+
+def _slope_error(times: IntArray, left_over: FloatArray) -> float:
+    """Return the slope's standard error; neighbours that are alike count as fewer values.
+
+    An AR(1) process with correlation r of neighbours has (1 + r) / (1 - r) times the variance.
+    """
+    if not left_over.any():
+        return 0.0
+    spread = times - times.mean()
+    error = np.sqrt((left_over**2).sum() / (times.size - 2) / (spread**2).sum())
+    r = np.clip((left_over[1:] * left_over[:-1]).sum() / (left_over**2).sum(), 0.0, 0.99)
+    return float(error * np.sqrt((1.0 + r) / (1.0 - r)))
 
 
 if __name__ == "__main__":

@@ -87,7 +87,7 @@ class _MemoryStore:
 
 
 class RingOutput:
-    """Keeps the last seconds in memory; `trigger` has them written as NAME_snap000_000.mcap, ...
+    """Keeps the last seconds in memory; `trigger` has them written as NAME_snap000.mcap, ...
 
     Each snapshot is a recording in parts. What one holds is not in the next, so that snapshots
     in quick succession follow each other without overlap.
@@ -145,7 +145,7 @@ class RingOutput:
                 f"snapshot {path} of {size_bytes // MB} MB not written: {free // MB} MB are "
                 f"free, the reserve is {self._settings.reserve_bytes // MB} MB"
             )
-        files = [part_path(path, index, numbered=True) for index in range(len(parts))]
+        files = [part_path(path, index) for index in range(len(parts))]
         for file, data in zip(files, parts, strict=True):
             _write_file(file, data)
         return files

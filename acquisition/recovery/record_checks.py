@@ -230,10 +230,18 @@ def _check_message_index(body: bytes) -> None:
         raise ValueError("message index record of another form than it must have")
 
 
-def may_be_another_kind(body: bytes) -> bool:
-    """Tell whether the body of a message record has the form of a kind that one bit makes of it."""
+def may_be_another_kind(body: bytes, *, chunked: bool = True) -> bool:
+    """Tell whether the body of a message record has the form of a kind that one bit makes of it.
+
+    Args:
+        body: of the record.
+        chunked: the recording has chunks. Without any there is no index of their messages, and
+            one in thousands of good messages looks like one.
+    """
     for opcode in (bit ^ Opcode.MESSAGE for bit in (1, 2, 4, 8)):
         try:
+            if opcode == Opcode.MESSAGE_INDEX and not chunked:
+                continue
             if opcode == Opcode.MESSAGE_INDEX:
                 _check_message_index(body)
             else:

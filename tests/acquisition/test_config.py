@@ -218,7 +218,7 @@ def test_output_and_name(tmp_path: Path) -> None:
 
 def test_a_vehicle_without_a_clock_does_not_reuse_a_name(tmp_path: Path) -> None:
     config = loaded("", tmp_path / "r.toml")
-    (tmp_path / "rover_19700101T000001Z_000.mcap").touch()
+    (tmp_path / "rover_19700101T000001Z_001.mcap").touch()
     second = config_use.recording_path(config, 10**9)
     assert second.name == "rover_19700101T000001Z-2.mcap"
     second.touch()

@@ -11,6 +11,7 @@ from acquisition.importing import record_all
 from acquisition.stream.byte_source import FinishedFile
 from acquisition.stream.reader import StreamReader
 from drivers.errors import DriverError, TerravibeError
+from tests.acquisition.test_stream_writer import files_may_grow_to
 from tests.fakes.finite_source import FiniteSource
 from tests.fakes.recordings import (
     MOUNT,
@@ -63,3 +64,14 @@ def test_a_missing_folder_is_told_and_the_source_closed(tmp_path: Path) -> None:
     with pytest.raises(StreamError, match="there is no folder"):
         record_all(source, tmp_path / "no" / "r.mcap", static_transforms=[], settings={})
     assert source.closed == 1
+
+
+def test_a_disk_that_is_full_leaves_nothing_and_claims_nothing(tmp_path: Path) -> None:
+    source = FiniteSource(samples(1.0))
+    with (
+        files_may_grow_to(len(recording(samples(1.0))) // 2),
+        pytest.raises(StreamError, match=r"File too large$"),
+    ):
+        record_all(source, tmp_path / "r.mcap", static_transforms=[MOUNT], settings=SETTINGS)
+    assert source.closed == 1
+    assert not list(tmp_path.iterdir())

@@ -358,7 +358,7 @@ def test_the_ring_writes_what_came_before_the_trigger(tmp_path: Path) -> None:
     assert result.outcome == "stopped"
     found = [message.sample for message in read_parts(result.files)]
     assert [s.sequence for s in found if isinstance(s, AccelerationSample)] == list(range(30))
-    assert result.files[0].name == "r_snap000_000.mcap"
+    assert result.files[0].name == "r_snap000.mcap"
 
 
 def test_preflight_reports_every_source_and_closes_it() -> None:
