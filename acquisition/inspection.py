@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.editing.survey import Survey, TopicLog, survey
+from acquisition.messages.codec import IMAGE_TOPIC
+from acquisition.messages.depth_rvl import RVL_TOPIC
 from acquisition.stream.read_report import Damage
 
 MAX_GAP_PERIODS = 5.0
@@ -182,7 +184,7 @@ def _file_findings(found: Survey) -> Iterator[Finding]:
     if not found.complete:
         text = f"no proper end; {found.truncated_bytes} bytes are left over"
         yield Finding("truncated", "", text)
-    if "/depth/image" in found.topics and "/depth/camera_info" not in found.topics:
+    if {IMAGE_TOPIC, RVL_TOPIC} & found.topics.keys() and "/depth/camera_info" not in found.topics:
         yield Finding("missing", "/depth/camera_info", "depth images without a camera message")
     if "/tf_static" not in found.topics:
         yield Finding("missing", "/tf_static", "nothing says how the sensors are mounted")

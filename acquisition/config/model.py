@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from acquisition.messages.codec import MESSAGE_TYPES
+from acquisition.messages.codec import MESSAGE_TYPES, DepthFormat
 from acquisition.messages.frames import BASE_FRAME
 from acquisition.messages.ros_fields import unit_quaternion
 from drivers.source import SOURCES
@@ -34,6 +34,7 @@ class RecordingSection(_Strict):
     folder: _Path = Path()
     name: _Name = "rover"
     fallback_folders: Annotated[tuple[_Path, ...], Field(strict=False)] = ()
+    depth_format: DepthFormat = "raw"
     flush_ms: Annotated[int, Field(ge=5, le=10_000)] = 50
     sync_s: Annotated[float, Field(ge=0.1, le=3600.0)] = 1.0
     split_mb: Annotated[int, Field(ge=0)] = 0

@@ -136,6 +136,7 @@ def plan_of(loaded: LoadedConfig, sources: Sequence[Source]) -> RecordingPlan:
         rates_hz=rates_of(loaded.config),
         clocks=clocks,
         require_all=section.require_all,
+        depth_format=section.depth_format,
         flush_interval_s=section.flush_ms * 1e-3,
         preflight_timeout_s=section.preflight_s,
         worker=WorkerSettings(

@@ -9,10 +9,10 @@ the MCAP message record, and further fields are in a message of their own, a com
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from rosbags.serde import SerdeError
 
@@ -34,6 +34,12 @@ from acquisition.messages.depth import (
     encode_camera,
     encode_depth,
     encode_ticks,
+)
+from acquisition.messages.depth_rvl import (
+    COMPRESSED_TYPE,
+    RVL_TOPIC,
+    decode_rvl,
+    encode_rvl,
 )
 from acquisition.messages.frames import StaticTransforms
 from acquisition.messages.gyro import (
@@ -81,6 +87,11 @@ from drivers.samples import (
 Record = DepthImage | CameraInfo | Companion | Sample | StaticTransforms | ClockSample | Diagnostics
 Recordable = Sample | StaticTransforms | ClockSample | Diagnostics
 _UNNUMBERED = (StaticTransforms, Diagnostics)
+
+# How depth frames are written: as pixels, or under a code of their own.
+DepthFormat = Literal["raw", "rvl"]
+IMAGE_TOPIC = "/depth/image"
+_RAW = frozenset([RVL_TOPIC])
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +143,11 @@ def types_of(sample_types: Sequence[type[Recordable]]) -> list[MessageType]:
     return [row for row in MESSAGE_TYPES if row.sample_type in sample_types]
 
 
+def left_out_by(depth_format: DepthFormat) -> frozenset[str]:
+    """Return the topics that such a stream has not: a depth frame is written in one way only."""
+    return frozenset([IMAGE_TOPIC]) if depth_format == "rvl" else _RAW
+
+
 def rows_of(kind: type[Recordable]) -> Sequence[MessageType]:
     """Return the rows that one sample type is written as; the same as `types_of`, but quick."""
     rows = _BY_SAMPLE_TYPE.get(kind)
@@ -140,8 +156,12 @@ def rows_of(kind: type[Recordable]) -> Sequence[MessageType]:
     return rows
 
 
-def encode(sample: Recordable) -> list[EncodedMessage]:
+def encode(sample: Recordable, left_out: Container[str] = _RAW) -> list[EncodedMessage]:
     """Return the messages that stand for one sample, in the order to be written.
+
+    Args:
+        sample: the sample.
+        left_out: topics without which it is complete, by `left_out_by`.
 
     Raises:
         StreamError: the sample cannot be told as a message (time or sequence out of range,
@@ -149,6 +169,8 @@ def encode(sample: Recordable) -> list[EncodedMessage]:
     """
     encoded: list[EncodedMessage] = []
     for row in rows_of(type(sample)):
+        if row.topic in left_out:
+            continue
         try:
             message = row.encode(sample)
             if message is not None:
@@ -208,7 +230,8 @@ MESSAGE_TYPES: tuple[MessageType, ...] = (
         decode_camera,
     ),
     MessageType("/depth/ticks", TICKS_TYPE, DepthFrame, encode_ticks, decode_ticks),
-    MessageType("/depth/image", IMAGE_TYPE, DepthFrame, encode_depth, decode_depth),
+    MessageType(RVL_TOPIC, COMPRESSED_TYPE, DepthFrame, encode_rvl, decode_rvl),
+    MessageType(IMAGE_TOPIC, IMAGE_TYPE, DepthFrame, encode_depth, decode_depth),
     MessageType(
         "/mocap/pose",
         POSE_TYPE,

@@ -45,8 +45,8 @@ class CameraInfo:
     camera: CameraIntrinsics
 
 
-def encode_depth(frame: DepthFrame) -> Parts:
-    """Return the image; its pixels are the frame's own memory, unless that may change."""
+def depth_pixels(frame: DepthFrame) -> NDArray[np.uint16]:
+    """Return the pixels, row by row, little-endian; the frame's own memory where possible."""
     height, width = frame.depth_mm.shape
     if frame.depth_mm.dtype != np.uint16:
         raise ValueError(f"depth has dtype {frame.depth_mm.dtype}; expected uint16")
@@ -55,7 +55,13 @@ def encode_depth(frame: DepthFrame) -> Parts:
             f"depth is {width}x{height} px but its camera "
             f"{frame.camera.width_px}x{frame.camera.height_px} px"
         )
-    pixels = np.ascontiguousarray(frame.depth_mm, dtype="<u2").reshape(-1).view(np.uint8)
+    return np.ascontiguousarray(frame.depth_mm, dtype="<u2").reshape(-1)
+
+
+def encode_depth(frame: DepthFrame) -> Parts:
+    """Return the image; its pixels are the frame's own memory, unless that may change."""
+    height, width = frame.depth_mm.shape
+    pixels = depth_pixels(frame).view(np.uint8)
     if pixels.flags.writeable:
         pixels = pixels.copy()
     return restamped(_image_head(height, width), frame.t_ns), pixels.data

@@ -157,6 +157,7 @@ class Recorder:
             static_transforms=self._plan.static_transforms,
             settings=self._plan.settings,
             statistics=lambda: statistics_record(self._health()),
+            depth_format=self._plan.depth_format,
         )
 
     def _health(self) -> HealthSnapshot:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from acquisition.errors import StreamError
-from acquisition.messages.codec import Recordable
+from acquisition.messages.codec import DepthFormat, Recordable
 from acquisition.messages.frames import StaticTransform
 from acquisition.recording.intake import Stamped
 from acquisition.stream.parts import PART_NAME
@@ -34,6 +34,7 @@ class Head:
         static_transforms: where the frames sit.
         settings: the resolved configuration, as JSON values.
         statistics: gives the record that ends each part: how much came and how much was lost.
+        depth_format: how depth frames are written.
     """
 
     recording: str
@@ -42,6 +43,7 @@ class Head:
     static_transforms: Sequence[StaticTransform]
     settings: Mapping[str, object]
     statistics: Callable[[], Mapping[str, str]]
+    depth_format: DepthFormat = "raw"
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +183,7 @@ class SplitWriter:
             static_transforms=self._head.static_transforms,
             settings=self._head.settings,
             extra_types=self._head.extra_types,
+            depth_format=self._head.depth_format,
             flush_interval_ns=_NEVER,
             chunk_size_bytes=_NEVER,
         )

@@ -13,7 +13,7 @@ from acquisition.clocks.clock_sample import ClockSample
 from acquisition.closing import ClosedOnExit
 from acquisition.errors import StreamError
 from acquisition.messages import codec
-from acquisition.messages.codec import Recordable
+from acquisition.messages.codec import DepthFormat, Recordable
 from acquisition.messages.frames import StaticTransform, StaticTransforms
 from acquisition.stream.mcap_writer import McapWriter
 from acquisition.stream.output import StreamOutput
@@ -45,6 +45,7 @@ class StreamWriter(ClosedOnExit):
         static_transforms: Sequence[StaticTransform],
         settings: Mapping[str, object],
         extra_types: Sequence[type[Recordable]] = (),
+        depth_format: DepthFormat = "raw",
         flush_interval_ns: int = FLUSH_INTERVAL_NS,
         chunk_size_bytes: int = CHUNK_SIZE_BYTES,
     ) -> None:
@@ -56,6 +57,7 @@ class StreamWriter(ClosedOnExit):
             static_transforms: where the frames sit, for the whole recording.
             settings: the resolved configuration, as JSON values.
             extra_types: what the writing program itself has to say, beside its sources.
+            depth_format: how depth frames are written; readers make no difference.
             flush_interval_ns: stream time after which an open chunk is closed.
             chunk_size_bytes: size before compression at which a chunk is closed.
 
@@ -70,6 +72,7 @@ class StreamWriter(ClosedOnExit):
             *extra_types,
             *_sample_types(sources),
         }
+        self._left_out = codec.left_out_by(depth_format)
         record = provenance(sources, settings)
         self._transforms = tuple(static_transforms)
         self._flush_interval_ns = flush_interval_ns
@@ -102,6 +105,8 @@ class StreamWriter(ClosedOnExit):
         """Register the channels of these types and write their definitions at top level."""
         builder = RecordBuilder()
         for row in codec.types_of(types):
+            if row.topic in self._left_out:
+                continue
             if row.ros_type not in self._schemas:
                 text = codec.schema_text(row.ros_type).encode()
                 schema_id = self._writer.register_schema(row.ros_type, "ros2msg", text)
@@ -160,7 +165,7 @@ class StreamWriter(ClosedOnExit):
         if not 0 <= log_time_ns <= _MAX_LOG_TIME_NS:
             raise StreamError(f"log time {log_time_ns} ns is outside 0 to 2^64-1")
         sequence = codec.checked_sequence(sample)
-        encoded = codec.encode(sample)
+        encoded = codec.encode(sample, self._left_out)
         if self._flushed_at_ns is None:
             self._write_transforms(log_time_ns)
             self._flushed_at_ns = log_time_ns

@@ -28,6 +28,7 @@ FULL = """
 [recording]
 name = "moon"
 flush_ms = 20
+depth_format = "rvl"
 queue_mb = 8
 require_all = true
 
@@ -150,7 +151,7 @@ def test_devices_are_constructed_with_their_settings() -> None:
 
 def test_a_setting_that_the_driver_does_not_know_is_told_with_its_line() -> None:
     text = FULL.replace("rate_hz = 30.0", "rate_hz = 30.0\nbaud = 9600")
-    with pytest.raises(ConfigError, match=r"toml:8: devices.0: settings of kind 'png': .*baud"):
+    with pytest.raises(ConfigError, match=r"toml:9: devices.0: settings of kind 'png': .*baud"):
         config_use.sources_of(loaded(text))
 
 
@@ -177,6 +178,7 @@ def test_the_plan_is_what_the_file_says() -> None:
     plan = config_use.plan_of(loaded(FULL), config_use.sources_of(loaded(FULL)))
     assert plan.require_all
     assert plan.flush_interval_s == 0.02
+    assert plan.depth_format == "rvl"
     assert plan.worker.queue_limit_bytes == 8_000_000
     assert plan.rates_hz == {DepthFrame: 30.0}
     assert len(plan.static_transforms) == 1

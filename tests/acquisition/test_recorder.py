@@ -109,6 +109,18 @@ def of_type(messages: Sequence[StreamMessage], kind: type) -> list[Any]:
     return [message.sample for message in messages if isinstance(message.sample, kind)]
 
 
+def test_depth_may_be_recorded_under_rvl(tmp_path: Path) -> None:
+    frames = [[depth_frame(i, i * 33 * MS)] for i in range(3)]
+    camera = ScriptedSource("camera", frames, produces=(DepthFrame,))
+    record(tmp_path / "r.mcap", [camera], replace(QUICK, depth_format="rvl"))
+    messages, _ = read(tmp_path / "r.mcap")
+    found = [message for message in messages if isinstance(message.sample, DepthFrame)]
+    assert {message.topic for message in found} == {"/depth/image/compressedDepth"}
+    for message, (frame,) in zip(found, frames, strict=True):
+        assert isinstance(message.sample, DepthFrame)
+        assert np.array_equal(message.sample.depth_mm, frame.depth_mm)
+
+
 def test_all_sources_end_up_in_one_file_in_order_of_log_time(tmp_path: Path) -> None:
     path = tmp_path / "r.mcap"
     frames = [[depth_frame(i, i * 33 * MS)] for i in range(3)]
