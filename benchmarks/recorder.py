@@ -41,7 +41,7 @@ from acquisition.recording.recorder import Recorder
 from acquisition.recording.source_worker import WorkerSettings
 from acquisition.recovery.container import Container, RecordedMessage
 from acquisition.stream.byte_source import FinishedFile
-from acquisition.stream.split_writer import PartLimits
+from acquisition.stream.open_part import PartLimits
 from benchmarks.load import sources
 from tests.fakes.paced_source import PacedSource
 

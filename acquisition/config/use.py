@@ -29,8 +29,8 @@ from acquisition.recording.plan import RecordingPlan
 from acquisition.recording.ring_output import RingOutput, RingSettings
 from acquisition.recording.source_worker import WorkerSettings
 from acquisition.replay import Replay
+from acquisition.stream.open_part import PartLimits
 from acquisition.stream.provenance import DEVICE_CLOCKS
-from acquisition.stream.split_writer import PartLimits
 from drivers.errors import TerravibeError
 from drivers.samples import Float64Array, Sample, frozen_array
 from drivers.source import Source, make_source

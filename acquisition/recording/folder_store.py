@@ -10,8 +10,8 @@ from pathlib import Path
 
 from acquisition.errors import OutputEndedError, StreamError
 from acquisition.recording.disk_sync import DiskSync
+from acquisition.stream.open_part import NO_LIMITS, PartLimits
 from acquisition.stream.parts import part_path
-from acquisition.stream.split_writer import NO_LIMITS, PartLimits
 
 MB = 1_000_000
 

@@ -15,8 +15,9 @@ from acquisition.files import replacing
 from acquisition.recording.folder_store import MB, free_bytes
 from acquisition.recording.intake import Stamped
 from acquisition.recording.output import OutputState
+from acquisition.stream.open_part import PartLimits
 from acquisition.stream.parts import part_path
-from acquisition.stream.split_writer import Head, PartLimits, SplitWriter
+from acquisition.stream.split_writer import Head, SplitWriter
 from drivers.source import SourceInfo
 
 # The ring forgets whole parts, so it holds between 1 and 1 + 1/8 of what was asked for.

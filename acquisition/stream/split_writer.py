@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
@@ -13,14 +13,12 @@ from acquisition.errors import StreamError
 from acquisition.messages.codec import DepthFormat, Recordable
 from acquisition.messages.frames import StaticTransform
 from acquisition.recording.intake import Stamped
+from acquisition.stream.open_part import NEVER, OpenPart, PartLimits
 from acquisition.stream.parts import PART_NAME
 from acquisition.stream.writer import CHUNK_SIZE_BYTES, StreamWriter
 from drivers.source import SourceInfo
 
 STATISTICS_NAME = "terravibe.statistics"
-# The writer below leaves it to this module when a chunk is closed: what is not yet flushed is
-# kept here, to be written again where there is room.
-_NEVER = 2**62
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,22 +44,6 @@ class Head:
     depth_format: DepthFormat = "raw"
 
 
-@dataclass(frozen=True, slots=True)
-class PartLimits:
-    """When a part ends; 0 = never.
-
-    Attributes:
-        size_bytes: after compression.
-        duration_ns: from the first to the last log time.
-    """
-
-    size_bytes: int = 0
-    duration_ns: int = 0
-
-
-NO_LIMITS = PartLimits()
-
-
 class PartStore(Protocol):
     """Where the parts go."""
 
@@ -85,31 +67,6 @@ class PartStore(Protocol):
         Raises:
             StreamError: there is no other place.
         """
-
-
-@dataclass(slots=True)
-class _Part:
-    """The part in progress; it ends before the first item of `ends_ns` or later."""
-
-    writer: StreamWriter
-    first_ns: int = -1
-    last_ns: int = -1
-    ends_ns: int = _NEVER
-    pending: list[Stamped] = field(default_factory=list)
-    pending_bytes: int = 0
-    flushed: int = 0
-
-    def flush(self) -> None:
-        """Close the chunk; if that fails, `pending` is what is in no complete chunk."""
-        before = self.writer.bytes_written
-        try:
-            self.writer.flush()
-        finally:
-            # A chunk and its index are two records; the chunk alone is enough to be read.
-            if self.writer.bytes_written > before:
-                self.flushed += len(self.pending)
-                self.pending.clear()
-                self.pending_bytes = 0
 
 
 class SplitWriter:
@@ -154,7 +111,7 @@ class SplitWriter:
         in_progress = 0 if self._between_parts else self._part.writer.bytes_written
         return self._finished_bytes + in_progress
 
-    def _begin(self) -> _Part:
+    def _begin(self) -> OpenPart:
         """Begin a part in the first place that takes it."""
         while True:
             output = self._store.next_output()
@@ -166,7 +123,7 @@ class SplitWriter:
                 continue
             self._number += 1
             self._between_parts = False
-            return _Part(writer)
+            return OpenPart(writer, self._limits)
 
     def _identify(self, writer: StreamWriter) -> None:
         identity = {"recording": self._head.recording, "part": str(self._number)}
@@ -184,8 +141,8 @@ class SplitWriter:
             settings=self._head.settings,
             extra_types=self._head.extra_types,
             depth_format=self._head.depth_format,
-            flush_interval_ns=_NEVER,
-            chunk_size_bytes=_NEVER,
+            flush_interval_ns=NEVER,
+            chunk_size_bytes=NEVER,
         )
 
     def write(self, items: Sequence[Stamped]) -> None:
@@ -212,30 +169,16 @@ class SplitWriter:
             self.refused[type(item.record)] += 1
             self.refusal = str(error)
             return 0
-        if part.first_ns < 0:
-            self._begin_time(part, item.log_time_ns)
-        elif item.log_time_ns > part.last_ns:
-            part.last_ns = item.log_time_ns
-        part.pending.append(item)
-        part.pending_bytes += size_bytes
+        part.took(item, size_bytes)
         if part.pending_bytes >= CHUNK_SIZE_BYTES:
             self._flush()
         return size_bytes
 
-    def _begin_time(self, part: _Part, log_time_ns: int) -> None:
-        part.first_ns = part.last_ns = log_time_ns
-        if self._limits.duration_ns:
-            part.ends_ns = log_time_ns + self._limits.duration_ns
-
     def _flush(self) -> None:
-        part, size_bytes = self._part, self._limits.size_bytes
         try:
-            part.flush()
+            self._part.flush()
         except StreamError as error:
             self._go_on_elsewhere(error)
-            return
-        if size_bytes and part.flushed and part.writer.bytes_written >= size_bytes:
-            part.ends_ns = 0
 
     def _go_on_elsewhere(self, error: StreamError) -> None:
         """Write what is in no complete chunk to the next place; each place is tried once."""

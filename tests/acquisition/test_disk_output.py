@@ -17,9 +17,10 @@ from acquisition.recording.disk_output import DiskOutput
 from acquisition.recording.folder_store import DiskSettings
 from acquisition.recording.intake import Stamped
 from acquisition.stream.byte_source import FinishedFile
+from acquisition.stream.open_part import NO_LIMITS, PartLimits
 from acquisition.stream.parts import part_path, parts_of, read_parts
 from acquisition.stream.reader import StreamReader
-from acquisition.stream.split_writer import NO_LIMITS, STATISTICS_NAME, Head, PartLimits
+from acquisition.stream.split_writer import STATISTICS_NAME, Head
 from drivers.samples import DepthFrame, Sample
 from tests.acquisition.test_stream_writer import files_may_grow_to
 from tests.fakes.recordings import MOUNT, SETTINGS, SOURCE, acceleration, pose, same, samples
