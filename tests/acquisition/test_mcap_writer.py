@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from typing import IO, Any, cast
 
 from hypothesis import given
@@ -38,28 +39,26 @@ def by_mcap(todo: list[Any], chunk_size_bytes: int) -> bytes:
     stream = io.BytesIO()
     # Only with this output in between is the checksum of the data section there.
     writer = Writer(cast(IO[bytes], StreamOutput(stream)), chunk_size=chunk_size_bytes)
-    writer.start("ros2", "test")
-    for number in range(3):
-        schema = writer.register_schema(f"type {number}", "ros2msg", b"float64 x")
-        writer.register_channel(f"/{number}", "cdr", schema)
-    for kind, *values in todo:
-        match kind:
-            case "message":
-                channel, log_ns, publish_ns, sequence, parts = values
-                writer.add_message(channel, log_ns, b"".join(parts), publish_ns, sequence)
-            case "flush":
-                writer.flush()
-            case "metadata":
-                writer.add_metadata(values[0], {"key": values[1]})
-            case "channel":
-                writer.register_channel(values[0], "cdr", 1)
-    writer.finish()
+
+    def add(channel: int, log_ns: int, publish_ns: int, sequence: int, parts: list[bytes]) -> None:
+        writer.add_message(channel, log_ns, b"".join(parts), publish_ns, sequence)
+
+    do_all(writer, add, todo)
     return stream.getvalue()
 
 
 def by_ours(todo: list[Any], chunk_size_bytes: int) -> bytes:
     stream = io.BytesIO()
     writer = McapWriter(StreamOutput(stream), chunk_size_bytes)
+
+    def add(*message: Any) -> None:
+        assert writer.add_message(*message) == sum(map(len, message[-1]))
+
+    do_all(writer, add, todo)
+    return stream.getvalue()
+
+
+def do_all(writer: Any, add: Callable[..., None], todo: list[Any]) -> None:
     writer.start("ros2", "test")
     for number in range(3):
         schema = writer.register_schema(f"type {number}", "ros2msg", b"float64 x")
@@ -67,8 +66,7 @@ def by_ours(todo: list[Any], chunk_size_bytes: int) -> bytes:
     for kind, *values in todo:
         match kind:
             case "message":
-                size_bytes = writer.add_message(*values)
-                assert size_bytes == sum(map(len, values[-1]))
+                add(*values)
             case "flush":
                 writer.flush()
             case "metadata":
@@ -76,7 +74,6 @@ def by_ours(todo: list[Any], chunk_size_bytes: int) -> bytes:
             case "channel":
                 writer.register_channel(values[0], "cdr", 1)
     writer.finish()
-    return stream.getvalue()
 
 
 @given(steps, st.sampled_from([100, 1000, 1 << 20]))
