@@ -74,6 +74,10 @@ class ClockFollower:
         self._clock = DeviceClock(settings) if settings else None
         self._began_ns, self._ticks = 0, None
 
+    def is_following(self) -> bool:
+        """Tell whether the device has a counter whose rate is known."""
+        return self._clock is not None
+
     def take(self, ticks: int, arrival_ns: int) -> None:
         """Take what the counter showed in a message, and CLOCK_MONOTONIC right after its read."""
         if self._clock is None:

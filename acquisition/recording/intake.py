@@ -15,6 +15,8 @@ from acquisition.recording.sample_queue import Batch
 from drivers.samples import DepthFrame, Sample, VibrationSample
 from drivers.source import SourceInfo
 
+_FOLLOWED_EVERY_NS = 10_000_000
+
 
 class Stamped(NamedTuple):
     """Something to be written, and the time by which the stream is ordered."""
@@ -39,6 +41,7 @@ class Intake:
         """Expect these rates; where one is missing, what the source itself says."""
         self.follower = ClockFollower(tuning)
         self._info: SourceInfo | None = None
+        self._followed_ns = 0
         self._clock = clock
         self._rates_hz = rates_hz
         self._tracks: dict[type[Sample], StreamTrack] = {}
@@ -68,15 +71,21 @@ class Intake:
         return stamped
 
     def _follow(self, batch: Batch) -> None:
-        """Show the follower the last sample, the only one that is stamped with its arrival."""
+        """Show the follower the samples with ticks, a hundred a second at most."""
         if batch.reopened or batch.info is not self._info:
             self._info = batch.info
             self.follower.begin(batch.info.counter)
-        for sample in reversed(batch.samples):
-            if isinstance(sample, DepthFrame | VibrationSample):
-                if sample.device_ticks is not None:
-                    self.follower.take(sample.device_ticks, sample.t_ns)
-                return
+            self._followed_ns = -_FOLLOWED_EVERY_NS
+        if not self.follower.is_following():
+            return
+        for sample in batch.samples:
+            if (
+                isinstance(sample, DepthFrame | VibrationSample)
+                and sample.device_ticks is not None
+                and sample.t_ns - self._followed_ns >= _FOLLOWED_EVERY_NS
+            ):
+                self.follower.take(sample.device_ticks, sample.t_ns)
+                self._followed_ns = sample.t_ns
 
     def _track(self, kind: type[Sample], batch: Batch) -> StreamTrack:
         if kind not in self._tracks:
