@@ -41,6 +41,14 @@ def encode_rvl(frame: DepthFrame) -> ros.sensor_msgs__msg__CompressedImage:
     )
 
 
+def prepare_rvl() -> None:
+    """Load the code, and compile it where it never was; seconds that no queue has room for."""
+    from acquisition.messages.rvl_kernels import MOST_BYTES_PER_PIXEL, pack
+
+    nothing = np.zeros(1, dtype=np.uint16)
+    pack(_read_only(nothing), np.zeros(MOST_BYTES_PER_PIXEL + 8, dtype=np.uint8))
+
+
 def _read_only(array: NDArray[_Unsigned]) -> NDArray[_Unsigned]:
     """Return a view that cannot be written, so that the kernels are compiled only once."""
     view = array.view()

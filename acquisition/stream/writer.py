@@ -14,6 +14,7 @@ from acquisition.closing import ClosedOnExit
 from acquisition.errors import StreamError
 from acquisition.messages import codec
 from acquisition.messages.codec import DepthFormat, Recordable
+from acquisition.messages.depth_rvl import prepare_rvl
 from acquisition.messages.frames import StaticTransform, StaticTransforms
 from acquisition.stream.mcap_writer import McapWriter
 from acquisition.stream.output import StreamOutput
@@ -73,6 +74,8 @@ class StreamWriter(ClosedOnExit):
             *_sample_types(sources),
         }
         self._left_out = codec.left_out_by(depth_format)
+        if depth_format == "rvl":
+            prepare_rvl()
         record = provenance(sources, settings)
         self._transforms = tuple(static_transforms)
         self._flush_interval_ns = flush_interval_ns
