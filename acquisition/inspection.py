@@ -18,7 +18,7 @@ MAX_GAP_PERIODS = 5.0
 # A stream whose longer periods are more than twice its median comes with events, not with a beat;
 # what is usual for it is told by its longest periods but one in a hundred.
 _BEAT_QUANTILE, _BEAT_RATIO = 0.9, 2.0
-_EVENT_QUANTILE = 0.99
+_EVENT_QUANTILE, _EVENTS = 0.99, 100
 # So many pauses, alike and filling most of the time, are how the stream is sent: in bursts.
 _BURSTS = 20
 
@@ -228,7 +228,8 @@ def _gap_findings(topic: str, log: TopicLog, max_gap_periods: float) -> Iterator
 
 def _usual_period_ns(periods: NDArray[np.uint64]) -> float:
     median_ns = float(np.median(periods))
-    if np.quantile(periods, _BEAT_QUANTILE) <= _BEAT_RATIO * median_ns:
+    has_beat = np.quantile(periods, _BEAT_QUANTILE) <= _BEAT_RATIO * median_ns
+    if has_beat or periods.size < _EVENTS:
         return median_ns
     return float(np.quantile(periods, _EVENT_QUANTILE, method="lower"))
 

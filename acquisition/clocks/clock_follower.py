@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.clocks.device_clock import DeviceClock, DeviceClockSettings
+from acquisition.errors import StreamError
 from drivers.source import TickCounter
 
 # Before that, the scatter of the delays hides a clock's rate.
@@ -56,23 +57,30 @@ DEFAULT_TUNING = ClockTuning()
 
 
 class ClockFollower:
-    """One device's counter; knows nothing until `begin` and `take`."""
+    """One device's counter; knows nothing until `begin` and `take`.
+
+    Attributes:
+        problem: why the counter cannot be followed although it has a rate, or "".
+    """
 
     def __init__(self, tuning: ClockTuning) -> None:
+        self.problem = ""
         self._tuning = tuning
         self._clock: DeviceClock | None = None
         self._began_ns = self._arrival_ns = 0
         self._ticks: int | None = None
 
     def begin(self, counter: TickCounter | None) -> None:
-        """The device was opened: its counter may show anything now.
-
-        Raises:
-            StreamError: the tuning makes no sense.
-        """
-        settings = self._tuning.settings(counter)
-        self._clock = DeviceClock(settings) if settings else None
+        """The device was opened: its counter may show anything now."""
+        self.problem, self._clock = "", None
         self._began_ns, self._ticks = 0, None
+        try:
+            settings = self._tuning.settings(counter)
+        except StreamError as error:
+            self.problem = str(error)  # no reason to record nothing
+            return
+        if settings is not None:
+            self._clock = DeviceClock(settings)
 
     def is_following(self) -> bool:
         """Tell whether the device has a counter whose rate is known."""

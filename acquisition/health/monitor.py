@@ -71,7 +71,7 @@ def _source(lane: Lane, now_ns: int, duration_s: float, state: OutputState) -> S
         queue=worker.queue.state(),
         streams=_streams(lane, duration_s, state),
         clock_skew_ppm=lane.intake.follower.skew_ppm,
-        warning=worker.warning,
+        warning="; ".join(filter(None, (worker.warning, lane.intake.follower.problem))),
     )
 
 

@@ -91,6 +91,16 @@ def test_a_device_that_begins_anew_is_told() -> None:
     assert [sample.event for sample in said] == ["", "device_restart"]
 
 
+def test_a_counter_that_makes_no_sense_ends_no_recording() -> None:
+    follower = ClockFollower(ClockTuning())
+    follower.begin(TickCounter(1e6, 3))
+    follower.take(1, S)
+    assert (follower.is_following(), follower.skew_ppm) == (False, None)
+    assert "wrap_ticks" in follower.problem
+    follower.begin(COUNTER)
+    assert follower.problem == ""
+
+
 def test_without_a_known_rate_nothing_is_followed() -> None:
     follower = ClockFollower(ClockTuning())
     follower.begin(None)
