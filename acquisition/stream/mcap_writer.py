@@ -143,17 +143,17 @@ class McapWriter:
         """Close the chunk in progress; write the summary section, the footer and the magic."""
         self._close_chunk()
         self._output.write(_bytes_of(DataEnd(0)))  # the output fills in the checksum
-        start = self._output.tell()
-        groups = list(self._summary())
-        summary = b"".join(data for _, data in groups)
-        offsets_start, at = start + len(summary), start
-        for opcode, data in groups:
-            summary += _bytes_of(SummaryOffset(opcode, at, len(data)))
-            at += len(data)
+        start, crc, offsets = self._output.tell(), 0, b""
+        for opcode, group in self._summary():
+            offsets += _bytes_of(SummaryOffset(opcode, self._output.tell(), len(group)))
+            crc = zlib.crc32(group, crc)
+            self._output.write(group)
+        offsets_start = self._output.tell()
         signed = _SIGNED_FOOTER.pack(Opcode.FOOTER, _FOOTER_BYTES, start, offsets_start)
-        crc = zlib.crc32(signed, zlib.crc32(summary))
-        self._output.write(summary)
-        self._output.write(_bytes_of(Footer(start, offsets_start, crc)))
+        self._output.write(offsets)
+        self._output.write(
+            _bytes_of(Footer(start, offsets_start, zlib.crc32(offsets + signed, crc)))
+        )
         self._output.write(MAGIC)
 
     def _summary(self) -> Iterator[tuple[Opcode, bytes]]:
