@@ -249,8 +249,7 @@ def whole_map() -> list[WholeMap]:
         ledger.add(_motion(index))
     centres_m: Float64Array = (np.arange(_CELLS, dtype=np.float64) - 149.5) * 0.02
     rover = Rover(0.0, 0.0, ledger.motions, RELATIVE)
-    heights = 0.1 * np.sin(3.0 * centres_m) * np.cos(2.0 * centres_m[:, np.newaxis])
-    layers.elevation_m[:] = heights
+    layers.elevation_m[:] = 0.1 * np.sin(3.0 * centres_m) * np.cos(centres_m[:, np.newaxis])
     layers.variance_m2[:] = 1e-6
     layers.frames[:] = layers.pixels[:] = 9
     grid = make_grid(MapSettings(resolution_m=0.02, grid="scrolling"))
