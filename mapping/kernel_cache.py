@@ -9,6 +9,9 @@ import numpy as np
 
 from drivers.samples import CameraIntrinsics
 from mapping import measurement_kernels
+from mapping.alignment import plane_kernels, point_kernels, residual_kernels
+from mapping.alignment.scan_to_map import ScanAligner
+from mapping.alignment.settings import AlignmentSettings
 from mapping.cells import relief_kernels, update_kernels
 from mapping.cells.elevation_map import read_out
 from mapping.cells.grid import GrowingGrid
@@ -25,6 +28,9 @@ _ENTRY_POINTS = (
     measurement_kernels.ranges_from_millimetres,
     measurement_kernels.accumulate,
     update_kernels.fuse,
+    point_kernels.group_points,
+    plane_kernels.fit_planes,
+    residual_kernels.normal_equations,
     relief_kernels.surrounding_relief,
     layer_kernels.plane_layers,
     layer_kernels.step_heights,
@@ -79,6 +85,7 @@ def compile_kernels() -> None:
     sums, _ = reducer.reduce(view, window)
     constants = reducer.frame_constants(view, window, grid.position(window))
     update_kernels.fuse(sums, constants, fusion_constants(settings), grid.layers)
+    ScanAligner(AlignmentSettings(), settings.resolution_m).align(reducer, view, grid)
     map_ = read_out(grid, settings, {})
     derive(map_)
     fill_gaps(map_, settings.resolution_m)

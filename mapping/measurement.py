@@ -46,6 +46,23 @@ class View:
     T_terrain_sensor: RigidTransform
 
 
+@dataclass(frozen=True, slots=True)
+class LoadedFrame:
+    """The readings of the frame that a reducer has loaded.
+
+    Attributes:
+        z_m: (height + 2 margin, width + 2 margin) corrected distances along the optical axis, 0
+            = no reading; overwritten by the next frame.
+        margin_px: rows and columns of zeros on every side.
+        ray_x, ray_y: x/z of every column and y/z of every row.
+    """
+
+    z_m: Float32Array
+    margin_px: int
+    ray_x: Float32Array
+    ray_y: Float32Array
+
+
 class FrameReducer:
     """Sums a frame's pixels per cell; keeps its work arrays from frame to frame."""
 
@@ -68,6 +85,16 @@ class FrameReducer:
     def camera(self) -> CameraIntrinsics:
         """The intrinsics that this reducer was made for."""
         return self._camera
+
+    @property
+    def noise(self) -> DepthNoiseModel:
+        """The noise model that this reducer was made for."""
+        return self._noise
+
+    @property
+    def loaded(self) -> LoadedFrame:
+        """The readings of the loaded frame."""
+        return LoadedFrame(self._z_m, self._baseline_px, self._ray_x, self._ray_y)
 
     def footprint(self, view: View) -> CellWindow:
         """Return the cells that the view's frustum can reach.
