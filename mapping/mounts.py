@@ -30,12 +30,27 @@ class MountTree:
             self._neighbours.setdefault(parent, {})[child] = to_parent
             self._neighbours.setdefault(child, {})[parent] = to_parent.inverse()
 
+    def knows(self, target: str, source: str) -> bool:
+        """Tell whether `lookup` has an answer."""
+        return source in self._reached(target, source)
+
     def lookup(self, target: str, source: str) -> RigidTransform:
         """Return T_target_source: coordinates in `source` to coordinates in `target`.
 
         Raises:
             MappingError: the recording does not connect the two frames.
         """
+        reached = self._reached(target, source)
+        if source not in reached:
+            known = ", ".join(sorted(self._neighbours)) or "none"
+            raise MappingError(
+                f"the stream's /tf_static does not connect {target} with {source} (frames found: "
+                f"{known}); record the mount of the depth sensor"
+            )
+        return reached[source]
+
+    def _reached(self, target: str, source: str) -> dict[str, RigidTransform]:
+        """Return T_target_frame of the frames on the way to `source`, itself included if known."""
         reached = {target: RigidTransform.identity()}
         queue = [target]
         while queue and source not in reached:
@@ -44,10 +59,4 @@ class MountTree:
                 if neighbour not in reached:
                     reached[neighbour] = reached[frame] @ transform
                     queue.append(neighbour)
-        if source not in reached:
-            known = ", ".join(sorted(self._neighbours)) or "none"
-            raise MappingError(
-                f"the stream's /tf_static does not connect {target} with {source} (frames found: "
-                f"{known}); record the mount of the depth sensor"
-            )
-        return reached[source]
+        return reached
