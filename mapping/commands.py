@@ -12,9 +12,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from math import inf, radians
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from acquisition.commands.console import CHECK_FAILED, OK, Console, show
+from mapping.poses.settings import PoseSourceName, TiltSource
 
 if TYPE_CHECKING:
     from acquisition.stream.byte_source import ByteSource
@@ -66,6 +67,8 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     add("--gate-sigma", type=float, metavar="N", help="reject beyond N sigma (3.5)")
     add("--common-correlation-time-s", type=float, metavar="S", help="of pose errors (0.3)")
     add("--pose-gap-max-s", type=float, metavar="S", help="longest pose interpolation (0.2)")
+    add("--pose-source", choices=get_args(PoseSourceName), help="where poses come from (mocap)")
+    add("--tilt-source", choices=get_args(TiltSource), help="of ego-motion (levelled)")
     add("--fill-gaps-up-to-m", type=float, metavar="M", help="fill gaps up to this long (none)")
     add("--figures", type=Path, metavar="DIR", help="also draw the figures")
     add("--json", action="store_true", help="print the result as JSON")

@@ -5,11 +5,13 @@ Only sensor time enters. Live and offline differ in where the samples come from,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from acquisition.messages.codec import Recordable
-from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, MOCAP_BODY_FRAME, StaticTransforms
-from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
+from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, StaticTransforms
+from drivers.samples import CameraIntrinsics, DepthFrame
+from mapping.alignment.localiser import Localiser
 from mapping.cells.elevation_map import ElevationMap, read_out
 from mapping.cells.grid import make_grid
 from mapping.cells.update_constants import fusion_constants
@@ -19,10 +21,11 @@ from mapping.geometry import UncertainPose
 from mapping.measurement import FrameReducer, View
 from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
-from mapping.pose_track import PoseTrack
+from mapping.poses.choice import is_aligned, pose_source_for
+from mapping.poses.source import PoseSource
 from mapping.settings import MapSettings
 
-# A depth frame waits this long, in stream time, for a pose that surrounds it.
+# A depth frame waits this long, in stream time, for its pose to be known.
 _POSE_WAIT_NS = 2_000_000_000
 
 
@@ -38,6 +41,10 @@ class MapperCounts:
         readings_outside: readings of them that fell outside the grid.
         updates: cell updates. rejected: those that went to a second hypothesis. replaced: second
             hypotheses that took over.
+        pose_events: things that estimated poses suffered from.
+        aligned, unaligned, disbelieved, slid: frames whose pose the map corrected; to which it
+            had nothing to say; whose correction the pose source found too unlikely; at which the
+            map's idea of gravity was found wrong.
     """
 
     frames: int = 0
@@ -49,13 +56,23 @@ class MapperCounts:
     updates: int = 0
     rejected: int = 0
     replaced: int = 0
+    pose_events: int = 0
+    aligned: int = 0
+    unaligned: int = 0
+    disbelieved: int = 0
+    slid: int = 0
 
 
 class Mapper:
-    """Fuses depth frames, seen from known poses, into a grid."""
+    """Fuses depth frames, seen from known or estimated poses, into a grid."""
 
-    def __init__(self, settings: MapSettings, noise: DepthNoiseModel) -> None:
-        """Start with an empty map.
+    def __init__(
+        self,
+        settings: MapSettings,
+        noise: DepthNoiseModel,
+        on_pose: Callable[[UncertainPose], None] = lambda _: None,
+    ) -> None:
+        """Start with an empty map; `on_pose` is told the pose of every frame that is mapped.
 
         Raises:
             MappingError: the ranges of settings and noise model have nothing in common.
@@ -65,8 +82,10 @@ class Mapper:
         self.counts = MapperCounts()
         self._grid = make_grid(settings)
         self._fusion = fusion_constants(settings)
-        self._poses = PoseTrack(round(settings.pose_gap_max_s * 1e9))
+        self._on_pose = on_pose
+        self._poses = pose_source_for(settings)
         self._mounts = MountTree()
+        self._localiser = _localiser(settings, self._poses, self._mounts)
         self._waiting: list[DepthFrame] = []
         self._reducer: FrameReducer | None = None
 
@@ -79,19 +98,31 @@ class Mapper:
         """
         if isinstance(sample, StaticTransforms):
             self._mounts.add(sample.transforms)
-            return
-        if isinstance(sample, PoseSample):
-            self.counts.poses += self._poses.add(sample)
-            self.counts.poses_out_of_order = self._poses.out_of_order
-        elif isinstance(sample, DepthFrame):
+        self._poses.add(sample)
+        if self._localiser is not None:
+            self._localiser.add(sample)
+        if isinstance(sample, DepthFrame):
             self._waiting.append(sample)
         self._map_ready_frames(sample.t_ns)
+        self._count_poses()
 
     def finish(self) -> None:
         """Map the frames that can be mapped and count the rest; the stream is over."""
+        self._poses.finish()
         waiting, self._waiting = self._waiting, []
         for frame in waiting:
             self._map_or_count(frame)
+        self._count_poses()
+
+    def _count_poses(self) -> None:
+        """Copy the counts of those that count for themselves."""
+        poses = self._poses.counts
+        self.counts.poses, self.counts.poses_out_of_order = poses.poses, poses.out_of_order
+        self.counts.pose_events = poses.events
+        if self._localiser is not None:
+            found = self._localiser.counts
+            self.counts.aligned, self.counts.unaligned = found.aligned, found.unaligned
+            self.counts.disbelieved, self.counts.slid = found.rejected, found.slid
 
     def elevation_map(self, attributes: dict[str, str | int | float] | None = None) -> ElevationMap:
         """Return the map as it is now.
@@ -104,15 +135,13 @@ class Mapper:
         return read_out(self._grid, self.settings, attributes or {})
 
     def _map_ready_frames(self, now_ns: int) -> None:
-        """Map waiting frames that a pose at or after their time, or patience, has released.
+        """Map waiting frames whose pose is final, or that have waited long enough.
 
         Each frame waits for itself: one with a stamp in the future holds up no other.
         """
-        newest_ns = self._poses.newest_ns
         waiting, self._waiting = self._waiting, []
         for frame in waiting:
-            surrounded = newest_ns is not None and newest_ns >= frame.t_ns
-            if surrounded or now_ns - frame.t_ns > _POSE_WAIT_NS:
+            if self._poses.is_ready(frame.t_ns) or now_ns - frame.t_ns > _POSE_WAIT_NS:
                 self._map_or_count(frame)
             else:
                 self._waiting.append(frame)
@@ -124,12 +153,17 @@ class Mapper:
         else:
             self._map(frame, pose)
 
-    def _map(self, frame: DepthFrame, pose: UncertainPose) -> None:
-        """One depth frame's walk: readings, footprint, sums per cell, update."""
+    def _map(self, frame: DepthFrame, prior: UncertainPose) -> None:
+        """One depth frame's walk: readings, pose, footprint, sums per cell, update."""
         reducer = self._reducer_for(frame.camera)
-        mount = self._mounts.lookup(MOCAP_BODY_FRAME, DEPTH_OPTICAL_FRAME)
-        view = View(pose, pose.transform @ mount)
+        mount = self._mounts.lookup(self._poses.body_frame, DEPTH_OPTICAL_FRAME)
         readings = reducer.load(frame.depth_mm)
+        pose: UncertainPose | None = prior
+        if self._localiser is not None:
+            pose = self._localiser.refine(reducer, prior, mount, self._grid)
+        if pose is None:
+            return
+        view = View(pose, pose.transform @ mount)
         rover_x_m, rover_y_m, _ = pose.transform.translation_m
         window = self._grid.prepare(reducer.footprint(view), rover_x_m, rover_y_m)
         sums, inside = reducer.reduce(view, window)
@@ -141,6 +175,7 @@ class Mapper:
         self.counts.updates += result.cells
         self.counts.rejected += result.rejected
         self.counts.replaced += result.replaced
+        self._on_pose(pose)
 
     def _reducer_for(self, camera: CameraIntrinsics) -> FrameReducer:
         if self._reducer is None or self._reducer.camera != camera:
@@ -148,19 +183,16 @@ class Mapper:
         return self._reducer
 
     def _why_nothing(self) -> str:
-        counts = self.counts
-        if counts.frames_without_pose == 0:
+        if self.counts.frames_without_pose == 0:
             return "the stream holds no depth frame; nothing can be mapped"
-        if counts.poses == 0:
-            return (
-                f"the stream holds {counts.frames_without_pose} depth frames but no pose; record "
-                "motion capture, or import with a trajectory"
-            )
-        return (
-            f"none of {counts.frames_without_pose} depth frames lies between two of the "
-            f"{counts.poses} poses within {self.settings.pose_gap_max_s} s; check that both use "
-            "the same clock"
-        )
+        return self._poses.why_nothing(self.counts.frames_without_pose)
+
+
+def _localiser(settings: MapSettings, poses: PoseSource, mounts: MountTree) -> Localiser | None:
+    """Return what aligns frames, where the settings want it."""
+    if not is_aligned(settings):
+        return None
+    return Localiser(poses, mounts, settings.alignment, settings.gravity, settings.resolution_m)
 
 
 def _within_both_ranges(settings: MapSettings, noise: DepthNoiseModel) -> DepthNoiseModel:

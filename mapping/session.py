@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.stream.provenance import METADATA_NAME
@@ -17,6 +17,11 @@ from mapping.errors import MappingError
 from mapping.mapper import Mapper, MapperCounts
 from mapping.noise import KINECT_V1, DepthNoiseModel
 from mapping.settings import MapSettings
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+_Settings = TypeVar("_Settings", bound="DataclassInstance")
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,14 +125,32 @@ def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:
     """
     if section is None:
         return options.settings
-    known = {item.name for item in fields(MapSettings)}
+    return _overlaid(options.settings, section, options.given, "the recording's map section")
+
+
+def _overlaid(settings: _Settings, section: object, given: frozenset[str], where: str) -> _Settings:
+    """Return a dataclass of settings with the values of a JSON object, but for those `given`.
+
+    Raises:
+        MappingError: it is no object, or has an unknown key or a value of another type.
+    """
+    known = {item.name for item in fields(settings)}
     if not isinstance(section, dict) or not section.keys() <= known:
-        raise MappingError(f"the recording's map section is {section!r}; expected known settings")
-    recorded = {name: value for name, value in section.items() if name not in options.given}
+        raise MappingError(f"{where} is {section!r}; expected known settings")
+    recorded = {name: value for name, value in section.items() if name not in given}
     for name, value in recorded.items():
-        if isinstance(value, bool) or isinstance(value, str) != (name == "grid"):
-            raise MappingError(f"the recording's map section has {name} = {value!r}")
-    return replace(options.settings, **recorded)
+        ours = getattr(settings, name)
+        if is_dataclass(ours) and not isinstance(ours, type):
+            recorded[name] = _overlaid(ours, value, frozenset(), f"{where}, {name},")
+        elif _kind(value) is not _kind(ours):
+            raise MappingError(f"{where} has {name} = {value!r}")
+    return replace(settings, **recorded)
+
+
+def _kind(value: object) -> type:
+    """Return the JSON type of a value; whole numbers and others are one."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float if number else type(value)
 
 
 def _first(*candidates: object) -> float:
@@ -144,9 +167,7 @@ def _first(*candidates: object) -> float:
 
 def _attributes(mapper: Mapper, report: ReadReport) -> dict[str, str | int | float]:
     """Return how the map was made, for the map file."""
-    attributes: dict[str, str | int | float] = {
-        f"setting_{name}": value for name, value in asdict(mapper.settings).items()
-    }
+    attributes = dict(_flat("setting", asdict(mapper.settings)))
     attributes |= {f"noise_{name}": value for name, value in asdict(mapper.noise).items()}
     attributes |= {f"input_{name}": value for name, value in asdict(mapper.counts).items()}
     attributes["input_complete"] = int(report.complete)
@@ -154,3 +175,12 @@ def _attributes(mapper: Mapper, report: ReadReport) -> dict[str, str | int | flo
     attributes["input_damaged_parts"] = len(report.damaged)
     attributes["input_late_messages"] = report.late_messages
     return attributes
+
+
+def _flat(name: str, value: object) -> Iterator[tuple[str, str | int | float]]:
+    """Yield the leaves of nested settings under names joined by underscores."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _flat(f"{name}_{key}", inner)
+    elif isinstance(value, str | int | float):
+        yield name, int(value) if isinstance(value, bool) else value

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
+from mapping.alignment.gravity import GravitySettings
+from mapping.alignment.settings import AlignmentSettings
+from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.errors import MappingError
+from mapping.poses.settings import PoseSourceName, TiltSource
 
 GridKind = Literal["growing", "scrolling"]
 
@@ -37,6 +41,7 @@ _ORDERED = (
     ("sigma_floor_m", "sigma_ceiling_m"),
     ("resolution_m", "window_m"),
 )
+_CHOICES = {"grid": GridKind, "pose_source": PoseSourceName, "tilt_source": TiltSource}
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +69,12 @@ class MapSettings:
         uncertain_sigma_m: a cell known no better than this is "uncertain"; the default keeps the
             3-sigma bounds of "measured" cells within +-4.5 cm, below a small rover's clearance.
         pose_gap_max_s: poses are not interpolated across a longer gap; such frames are left out.
+        pose_source: the stream's own poses ("mocap"), or those of "ego-motion"; either of them
+            may be corrected by what the map says ("+alignment").
+        tilt_source: what ego-motion knows roll and pitch from: "levelled" accelerations, or the
+            ground, which is taken to be "level" to within ego_motion.tilt_lost_rad.
+        alignment, gravity: how frames are aligned with the map, and when it has slid.
+        ego_motion: what ego-motion assumes of sensors and vehicle.
     """
 
     resolution_m: float = 0.04
@@ -85,6 +96,11 @@ class MapSettings:
     confirmed_pixels: int = 4
     uncertain_sigma_m: float = 0.015
     pose_gap_max_s: float = 0.2
+    pose_source: PoseSourceName = "mocap"
+    tilt_source: TiltSource = "levelled"
+    alignment: AlignmentSettings = field(default_factory=AlignmentSettings)
+    gravity: GravitySettings = field(default_factory=GravitySettings)
+    ego_motion: EgoMotionSettings = field(default_factory=EgoMotionSettings)
 
     def __post_init__(self) -> None:
         """Refuse values that no map can be made with."""
@@ -100,7 +116,10 @@ class MapSettings:
                     f"{low} is {getattr(self, low)} and {high} is {getattr(self, high)}; "
                     f"expected {low} below {high}"
                 )
-        if self.grid not in get_args(GridKind):
-            raise MappingError(f"grid is {self.grid!r}; expected growing or scrolling")
+        for name, choices in _CHOICES.items():
+            if getattr(self, name) not in get_args(choices):
+                raise MappingError(
+                    f"{name} is {getattr(self, name)!r}; expected {' or '.join(get_args(choices))}"
+                )
         if self.confirmations > 255:
             raise MappingError(f"confirmations is {self.confirmations}; expected at most 255")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -92,8 +93,38 @@ class Mount(_Strict):
         return self
 
 
+class AlignmentSection(_Strict):
+    """[map.alignment]: `mapping.alignment.settings.AlignmentSettings`."""
+
+    form: Literal["6-dof", "z-roll-pitch"] = "6-dof"
+    floor_m: _Positive = 0.001
+    floor_rad: _Positive = math.radians(0.1)
+    full_points: _Count = 1500
+    observable_m: _Positive = 0.006
+    lever_m: _Positive = 1.5
+    cells_per_independent: _Positive = 10.0
+    cut_m: _Positive = 0.15
+    farthest_m: _Positive = 0.25
+    worst_scale: _Positive = 2.0
+    robust_sigma: _Positive = 2.0
+    fewest_pixels: _Count = 3
+    fewest_points: _Count = 100
+    iterations: _Count = 12
+
+
+class GravitySection(_Strict):
+    """[map.gravity]: `mapping.alignment.gravity.GravitySettings`."""
+
+    window_s: _Positive = 5.0
+    levelling_sigma_rad: _Positive = math.radians(2.0)
+    levelling_time_s: _Positive = 0.3
+
+
 class MapSection(_Strict):
-    """[map]: the settings of `mapping.settings.MapSettings`, without the mount's sigmas."""
+    """[map]: the settings of `mapping.settings.MapSettings`, without the mount's sigmas.
+
+    The keys of [map.ego_motion] are those of `mapping.ego_motion.settings`, which checks them.
+    """
 
     resolution_m: _Positive = 0.04
     grid: Literal["growing", "scrolling"] = "growing"
@@ -112,6 +143,11 @@ class MapSection(_Strict):
     confirmed_pixels: _Count = 4
     uncertain_sigma_m: _Positive = 0.015
     pose_gap_max_s: _Positive = 0.2
+    pose_source: Literal["mocap", "mocap+alignment", "ego-motion", "ego-motion+alignment"] = "mocap"
+    tilt_source: Literal["levelled", "level"] = "levelled"
+    alignment: AlignmentSection = AlignmentSection()
+    gravity: GravitySection = GravitySection()
+    ego_motion: dict[str, bool | float] = Field(default_factory=dict)
 
 
 class CalibrationSection(_Strict):

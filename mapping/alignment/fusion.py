@@ -35,12 +35,16 @@ def fuse_pose(
 
     K = D P (P + R)^-1, with D the projection on the directions: a prior without variance stays as
     it is, and so does every direction that the points do not fix, whatever the prior correlates.
+    A prior that is further off than it claims (NIS per degree of freedom above 1) counts as that
+    much less certain: it is the one of the two that can be wrong by a degree.
     """
     unit = metres_per_unit(settings)
     projection = alignment.directions @ alignment.directions.T * np.outer(1.0 / unit, unit)
-    p, r = prior.covariance, alignment.pose.covariance
-    gain = projection @ np.linalg.solve(p + r, p).T
     difference = pose_difference(alignment.pose.transform, prior.transform)
+    p, r = prior.covariance, alignment.pose.covariance
+    nis = float(difference @ np.linalg.solve(p + r, difference))
+    p = p * max(nis / alignment.directions.shape[1], 1.0)
+    gain = projection @ np.linalg.solve(p + r, p).T
     rest = np.eye(6) - gain
     covariance = rest @ p @ rest.T + gain @ r @ gain.T
     return replace(

@@ -15,6 +15,8 @@ _POSITIVE = (
     "floor_rad",
     "observable_m",
     "cut_m",
+    "farthest_m",
+    "worst_scale",
     "robust_sigma",
     "lever_m",
     "cells_per_independent",
@@ -37,6 +39,8 @@ class AlignmentSettings:
         cells_per_independent: so many cells count as one independent residual: neighbours share
             the planes of the map and its errors.
         cut_m: residuals beyond are left out.
+        farthest_m: a pose that is moved further (rotations times `lever_m`) is not believed.
+        worst_scale: nor is one whose residuals spread so many times wider than they should.
         robust_sigma: residuals of so many sigma (of the frame's own spread) weigh half.
         fewest_pixels: cells of map or frame with fewer pixels do not count.
         fewest_points: fewer points than this align nothing.
@@ -51,6 +55,8 @@ class AlignmentSettings:
     lever_m: float = 1.5
     cells_per_independent: float = 10.0
     cut_m: float = 0.15
+    farthest_m: float = 0.25
+    worst_scale: float = 2.0
     robust_sigma: float = 2.0
     fewest_pixels: int = 3
     fewest_points: int = 100

@@ -14,6 +14,12 @@ from mapping.settings import MapSettings
 EPOCH_NS = 1_700_000_000_123_456_789
 
 
+def _flat_settings() -> dict[str, str | int | float]:
+    """Return those settings that a map file can hold as they are."""
+    values = asdict(MapSettings())
+    return {name: value for name, value in values.items() if not isinstance(value, dict)}
+
+
 def make_map(
     elevation_m: ArrayLike,
     sigma_m: ArrayLike = 0.01,
@@ -46,7 +52,7 @@ def make_map(
         pixels=np.where(known, 90, 0).astype(np.uint32),
         last_seen_ns=np.where(known, EPOCH_NS, 0).astype(np.int64),
         state=np.broadcast_to(np.asarray(state, np.uint8), elevation.shape).copy(),
-        attributes={**asdict(MapSettings()), "noise_model": "nguyen2012", "frames": 58},
+        attributes={**_flat_settings(), "noise_model": "nguyen2012", "frames": 58},
     )
 
 
