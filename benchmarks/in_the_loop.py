@@ -73,7 +73,7 @@ class Row:
     end_error_m: float
     aligned: int
     unaligned: int
-    disbelieved: int
+    misfits: int
     slid: int
     frame_ms: float
     frame_mean_ms: float
@@ -152,7 +152,7 @@ def map_drive(drive: Drive, poses: PoseSourceName, wheels: bool) -> Row:
     """Map a drive and judge the map every second."""
     believed: list[UncertainPose] = []
     noise = parse_noise(json.dumps(kinect_noise_file(drive.scenario.camera.model)), "simulation")
-    mapper = Mapper(MapSettings(pose_source=poses), noise, believed.append)
+    mapper = Mapper(MapSettings(pose_source=poses), noise, on_pose=believed.append)
     mapper.add(drive.mounts)
     judged: list[Float64Array] = []
     times = [0.0]
@@ -221,7 +221,7 @@ def _row(
         end_error_m=float(np.linalg.norm(end.translation_m - last.translation_m)),
         aligned=counts.aligned,
         unaligned=counts.unaligned,
-        disbelieved=counts.disbelieved,
+        misfits=counts.misfits,
         slid=counts.slid,
         frame_ms=1e3 * float(np.median(times)),
         frame_mean_ms=1e3 * float(np.mean(times)),
@@ -242,7 +242,7 @@ def _print(r: Row) -> None:
         f"{r.drive:>10} {r.seed:>4} {r.poses:>20} {'yes' if r.wheels else 'no':>6} "
         f"{r.rmse_mm:>6.2f} {r.p99_mm:>6.1f} {r.max_mm:>5.0f} {r.within_1_sigma:>6.1f} "
         f"{r.within_3_sigma:>6.2f} {r.anees:>6.2f} {r.way_m:>5.1f} {r.end_error_m:>6.3f} "
-        f"{r.aligned:>7} {r.disbelieved:>4} {r.slid:>4} {r.frame_ms:>5.1f} {r.frame_mean_ms:>5.1f}",
+        f"{r.aligned:>7} {r.misfits:>4} {r.slid:>4} {r.frame_ms:>5.1f} {r.frame_mean_ms:>5.1f}",
         flush=True,
     )
 

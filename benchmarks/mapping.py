@@ -32,6 +32,7 @@ from mapping.cells.update_kernels import fuse
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.kernel_cache import compile_kernels
 from mapping.measurement import FrameReducer, View
+from mapping.motion.ledger import at_rest
 from mapping.noise import NGUYEN_2012
 from mapping.settings import MapSettings
 from simulation.devices.ideal_camera import noisy_depth_mm, trace
@@ -85,7 +86,10 @@ def _camera(width: int) -> CameraIntrinsics:
 
 def _view(index: int) -> View:
     """Return a view: turning, at constant height over the mean ground."""
-    turn = Rotation.from_euler("ZY", [0.35 * index, np.radians(25.0)]).as_matrix() @ _OPTICAL
+    turn = (
+        Rotation.from_euler("ZY", [0.35 * (index % _VIEWS), np.radians(25.0)]).as_matrix()
+        @ _OPTICAL
+    )
     pose = RigidTransform(turn, np.array([2.0, 0.0, 0.6]))
     covariance = np.diag([1e-6] * 3 + [1e-6] * 3)
     return View(UncertainPose(index * 33_000_000, pose, covariance), pose)
@@ -120,6 +124,7 @@ def measure(camera: CameraIntrinsics, cell_m: float, frames: int) -> Row:
     reducer = FrameReducer(camera, NGUYEN_2012, settings)
     grid = make_grid(settings)
     fusion = fusion_constants(settings)
+    motions = at_rest()
     images = _images(camera)
     laps: list[dict[str, float]] = []
     points: list[int] = []
@@ -134,7 +139,7 @@ def measure(camera: CameraIntrinsics, cell_m: float, frames: int) -> Row:
         clock.lap("reduce")
         constants = reducer.frame_constants(view, window, grid.position(window))
         clock.lap("other")
-        fuse(sums, constants, fusion, grid.layers)
+        fuse(sums, constants, fusion, grid.layers, motions)
         clock.lap("update")
         laps.append(clock.laps)
     return _row(camera, cell_m, laps[_VIEWS:], points[_VIEWS:], images)

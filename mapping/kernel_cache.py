@@ -21,6 +21,7 @@ from mapping.ground import fill_kernels, layer_kernels
 from mapping.ground.fill import fill_gaps
 from mapping.ground.layers import derive
 from mapping.measurement import FrameReducer, View
+from mapping.motion.ledger import at_rest
 from mapping.noise import NGUYEN_2012
 from mapping.settings import MapSettings
 
@@ -84,7 +85,8 @@ def compile_kernels() -> None:
     window = grid.prepare(reducer.footprint(view), 0.0, 0.0)
     sums, _ = reducer.reduce(view, window)
     constants = reducer.frame_constants(view, window, grid.position(window))
-    update_kernels.fuse(sums, constants, fusion_constants(settings), grid.layers)
+    motions = at_rest()
+    update_kernels.fuse(sums, constants, fusion_constants(settings), grid.layers, motions)
     ScanAligner(AlignmentSettings(), settings.resolution_m).align(reducer, view, grid)
     map_ = read_out(grid, settings, {})
     derive(map_)

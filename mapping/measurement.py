@@ -172,6 +172,8 @@ class FrameReducer:
             cell_size_m=d,
             corner_x_m=window.first_x * d - float(camera[0]),
             corner_y_m=window.first_y * d - float(camera[1]),
+            camera_x_m=float(camera[0]),
+            camera_y_m=float(camera[1]),
             camera_z_m=float(camera[2]),
             lever_x_m=float(lever[0]),
             lever_y_m=float(lever[1]),

@@ -169,6 +169,10 @@ def _attributes(mapper: Mapper, report: ReadReport) -> dict[str, str | int | flo
     """Return how the map was made, for the map file."""
     attributes = dict(_flat("setting", asdict(mapper.settings)))
     attributes |= {f"noise_{name}": value for name, value in asdict(mapper.noise).items()}
+    attributes |= {
+        f"pose_error_{name}": int(value) if isinstance(value, bool) else value
+        for name, value in asdict(mapper.pose_errors).items()
+    }
     attributes |= {f"input_{name}": value for name, value in asdict(mapper.counts).items()}
     attributes["input_complete"] = int(report.complete)
     attributes["input_truncated_bytes"] = report.truncated_bytes

@@ -10,6 +10,7 @@ from mapping.alignment.gravity import GravitySettings
 from mapping.alignment.settings import AlignmentSettings
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.errors import MappingError
+from mapping.motion.pose_errors import ALIGNED, PoseErrorModel
 from mapping.poses.settings import PoseSourceName, TiltSource
 
 GridKind = Literal["growing", "scrolling"]
@@ -27,6 +28,7 @@ _POSITIVE = (
     "confirmed_frames",
     "confirmed_pixels",
     "uncertain_sigma_m",
+    "horizontal_share",
     "pose_gap_max_s",
 )
 _NOT_NEGATIVE = (
@@ -68,12 +70,15 @@ class MapSettings:
         confirmed_frames, confirmed_pixels: a cell with fewer is "unconfirmed".
         uncertain_sigma_m: a cell known no better than this is "uncertain"; the default keeps the
             3-sigma bounds of "measured" cells within +-4.5 cm, below a small rover's clearance.
+        horizontal_share: variance of a cell's place along x and y from the start, in squares of
+            its edge: 1/4 is paper eq. 17, (d/2)^2; 1/12 is a reading anywhere in the cell.
         pose_gap_max_s: poses are not interpolated across a longer gap; such frames are left out.
         pose_source: the stream's own poses ("mocap"), or those of "ego-motion"; either of them
             may be corrected by what the map says ("+alignment").
         tilt_source: what ego-motion knows roll and pitch from: "levelled" accelerations, or the
             ground, which is taken to be "level" to within ego_motion.tilt_lost_rad.
         alignment, gravity: how frames are aligned with the map, and when it has slid.
+        aligned_errors: what aligned poses are worth.
         ego_motion: what ego-motion assumes of sensors and vehicle.
     """
 
@@ -95,11 +100,13 @@ class MapSettings:
     confirmed_frames: int = 2
     confirmed_pixels: int = 4
     uncertain_sigma_m: float = 0.015
+    horizontal_share: float = 0.25
     pose_gap_max_s: float = 0.2
     pose_source: PoseSourceName = "mocap"
     tilt_source: TiltSource = "levelled"
     alignment: AlignmentSettings = field(default_factory=AlignmentSettings)
     gravity: GravitySettings = field(default_factory=GravitySettings)
+    aligned_errors: PoseErrorModel = ALIGNED
     ego_motion: EgoMotionSettings = field(default_factory=EgoMotionSettings)
 
     def __post_init__(self) -> None:

@@ -120,6 +120,19 @@ class GravitySection(_Strict):
     levelling_time_s: _Positive = 0.3
 
 
+class AlignedErrorsSection(_Strict):
+    """[map.aligned_errors]: `mapping.motion.pose_errors.PoseErrorModel` of aligned poses."""
+
+    pose_covariance: bool = False
+    motion_covariance: bool = False
+    frame_sigma_m: _NotNegative = 0.001
+    frame_sigma_rad: _NotNegative = math.radians(0.03)
+    drift_per_m: _NotNegative = 1.0
+    gravity_sigma_rad: _NotNegative = math.radians(0.12)
+    place_sigma_m: _NotNegative = 0.003
+    heading_sigma_rad: _NotNegative = math.radians(0.05)
+
+
 class MapSection(_Strict):
     """[map]: the settings of `mapping.settings.MapSettings`, without the mount's sigmas.
 
@@ -142,11 +155,13 @@ class MapSection(_Strict):
     confirmed_frames: _Count = 2
     confirmed_pixels: _Count = 4
     uncertain_sigma_m: _Positive = 0.015
+    horizontal_share: _Positive = 0.25
     pose_gap_max_s: _Positive = 0.2
     pose_source: Literal["mocap", "mocap+alignment", "ego-motion", "ego-motion+alignment"] = "mocap"
     tilt_source: Literal["levelled", "level"] = "levelled"
     alignment: AlignmentSection = AlignmentSection()
     gravity: GravitySection = GravitySection()
+    aligned_errors: AlignedErrorsSection = AlignedErrorsSection()
     ego_motion: dict[str, bool | float] = Field(default_factory=dict)
 
 

@@ -27,13 +27,13 @@ class AlignmentCounts:
     Attributes:
         aligned: frames whose pose the map has corrected.
         unaligned: frames to which the map had nothing to say: the first one, new ground, a void.
-        rejected: frames that fit the map nowhere near their prior; they are not mapped.
+        misfits: frames that fit the map nowhere near their prior; they are not mapped.
         slid: frames at which the map's idea of gravity was found wrong.
     """
 
     aligned: int = 0
     unaligned: int = 0
-    rejected: int = 0
+    misfits: int = 0
     slid: int = 0
 
 
@@ -91,7 +91,7 @@ class Localiser:
             self.counts.unaligned += 1
             return prior
         if not self._is_credible(alignment, prior):
-            self.counts.rejected += 1
+            self.counts.misfits += 1
             return None
         self.counts.aligned += 1
         self._poses.correct(alignment)

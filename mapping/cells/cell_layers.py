@@ -21,6 +21,9 @@ class CellLayers(NamedTuple):
     ground is flat. candidate_*: the second hypothesis, the variance of its pixel noise, and how
     often it was confirmed. frames, pixels: accepted measurements and the pixels in them, which
     stop counting at 2^32 - 1. last_ns: stamp of the last one, meaningless while frames is 0.
+    motion: row of the `MotionLedger` up to which the cell has learned of the rover's motions; as of
+    that row horizontal_*_m2 is what motions have added to the covariance of its place, and
+    stale_m the way driven since its mean observation. The ledger says what has come since.
 
     Heights are float64: far above the origin the small steps of late updates would vanish in
     float32, whose steps are 1 mm at 10 km.
@@ -39,6 +42,11 @@ class CellLayers(NamedTuple):
     frames: NDArray[np.uint32]
     pixels: NDArray[np.uint32]
     last_ns: NDArray[np.int64]
+    motion: NDArray[np.uint32]
+    horizontal_xx_m2: Float32Array
+    horizontal_xy_m2: Float32Array
+    horizontal_yy_m2: Float32Array
+    stale_m: Float32Array
 
 
 def empty_layers(rows: int, columns: int) -> CellLayers:
@@ -58,6 +66,11 @@ def empty_layers(rows: int, columns: int) -> CellLayers:
         frames=np.zeros(shape, np.uint32),
         pixels=np.zeros(shape, np.uint32),
         last_ns=np.zeros(shape, np.int64),
+        motion=np.zeros(shape, np.uint32),
+        horizontal_xx_m2=np.zeros(shape, np.float32),
+        horizontal_xy_m2=np.zeros(shape, np.float32),
+        horizontal_yy_m2=np.zeros(shape, np.float32),
+        stale_m=np.zeros(shape, np.float32),
     )
 
 

@@ -14,6 +14,7 @@ from mapping.cells.cell_layers import CellLayers
 from mapping.cells.grid import Grid
 from mapping.cells.relief_kernels import surrounding_relief
 from mapping.errors import MappingError
+from mapping.motion.read_out import Rover, place_errors, standing
 from mapping.settings import MapSettings
 
 Float32Array = NDArray[np.float32]
@@ -38,10 +39,16 @@ class ElevationMap:
         resolution_m: edge of a cell.
         x_m, y_m: cell centres, increasing.
         elevation_m: height, NaN where unknown.
-        variance_m2: variance of that height: the sum of the three parts below; NaN where unknown.
+        variance_m2: variance of that height: the sum of the five parts below; NaN where unknown.
         independent_m2: part that differs from frame to frame (pixel noise, pose).
         systematic_m2: part that is the same all through the run (depth bias, mount).
         relief_m2: part from the shape of the surface inside the cell.
+        pose_m2: part from the height and tilt of the poses, relative to the rover's last place;
+            0 for absolute poses, see `mapping.motion.pose_errors`.
+        horizontal_m2: part that the slope makes of the errors of the cell's place that came with
+            motion; 0 for absolute poses.
+        horizontal_xx_m2, horizontal_xy_m2, horizontal_yy_m2: covariance of the cell's place, from
+            the start and from motion.
         frames, pixels: frames that contributed, and pixels in them.
         last_seen_ns: stamp of the last contribution, 0 where unknown.
         state: `CellState`.
@@ -56,6 +63,11 @@ class ElevationMap:
     independent_m2: Float32Array
     systematic_m2: Float32Array
     relief_m2: Float32Array
+    pose_m2: Float32Array
+    horizontal_m2: Float32Array
+    horizontal_xx_m2: Float32Array
+    horizontal_xy_m2: Float32Array
+    horizontal_yy_m2: Float32Array
     frames: NDArray[np.uint32]
     pixels: NDArray[np.uint32]
     last_seen_ns: NDArray[np.int64]
@@ -95,59 +107,93 @@ class ElevationMap:
 
 
 def read_out(
-    grid: Grid, settings: MapSettings, attributes: Mapping[str, str | int | float]
+    grid: Grid,
+    settings: MapSettings,
+    attributes: Mapping[str, str | int | float],
+    rover: Rover | None = None,
 ) -> ElevationMap:
     """Return the map that a grid holds, cut to the cells that were seen.
 
     Variance = what differs from frame to frame + |sensitivities to the constant errors|^2 +
-    mount_sigma_m^2 + relief. Relief is relief_share * (spread inside the cell + |slope|^2 d^2 / 12)
-    + min(2, relief_share + relief_frames / frames) * (variance around a plane in 5 x 5 cells). The
-    slope term is spread that one view does not show: a far image row crosses a cell along one
-    line. The last term is the ground that few views have sampled here and there in the cell.
-    Rounding the height to float32 counts as noise that differs from frame to frame; it matters
-    some kilometres above the origin of the terrain frame (0.3 mm at 10 km).
+    mount_sigma_m^2 + relief + what poses and motions of the `rover` add (nothing when left out; see
+    `mapping.motion.pose_errors`). Relief is relief_share * (spread inside the cell +
+    |slope|^2 d^2 / 12) + min(2, relief_share + relief_frames / frames) * (variance around a plane
+    in 5 x 5 cells). The slope term is spread that one view does not show: a far image row crosses a
+    cell along one line. The last term is the ground that few views have sampled here and there in
+    the cell. Rounding the height to float32 counts as noise that differs from frame to frame; it
+    matters some kilometres above the origin of the terrain frame (0.3 mm at 10 km).
 
     Raises:
         MappingError: the grid has seen nothing.
     """
     layers, first_x, first_y = _cut_to_seen(grid)
     seen = layers.frames > 0
-    rows, columns = seen.shape
+    few = (layers.frames < settings.confirmed_frames) | (layers.pixels < settings.confirmed_pixels)
+    x_m = _centres_m(first_x, seen.shape[1], settings.resolution_m)
+    y_m = _centres_m(first_y, seen.shape[0], settings.resolution_m)
+    moved = place_errors(layers, x_m, y_m, rover or standing())
+    slope_y, slope_x = _gradient(layers.elevation_m, ~few, settings.resolution_m)
     elevation = layers.elevation_m.astype(np.float32)
     rounding = (np.spacing(np.abs(elevation)) ** 2 / 12.0).astype(np.float32)
-    independent = layers.variance_m2 + rounding
-    systematic = (
-        np.square(layers.systematic_a_m)
-        + np.square(layers.systematic_b_m)
-        + np.square(layers.systematic_c_m)
-        + np.square(layers.systematic_bias_m)
-        + np.float32(settings.mount_sigma_m**2)
-    )
-    few = (layers.frames < settings.confirmed_frames) | (layers.pixels < settings.confirmed_pixels)
-    slope2 = _slope_squared(layers.elevation_m, ~few, settings.resolution_m)
-    spread = np.maximum(layers.relief_m2, np.float32(0.0))
-    spread += slope2 * np.float32(settings.resolution_m**2 / 12.0)
-    around = np.empty_like(spread)
-    surrounding_relief(layers.elevation_m, independent, ~few, around)
-    unsampled = settings.relief_share + settings.relief_frames / np.maximum(layers.frames, 1)
-    relief = np.float32(settings.relief_share) * spread
-    relief += np.minimum(unsampled, 2.0).astype(np.float32) * around
-    variance = independent + systematic + relief
+    independent = layers.variance_m2 + rounding + moved.height_m2.astype(np.float32)
+    slope2 = np.square(slope_y) + np.square(slope_x)
+    horizontal = np.square(slope_x) * moved.xx_m2 + np.square(slope_y) * moved.yy_m2
+    horizontal += 2.0 * slope_x * slope_y * moved.xy_m2
+    parts = {
+        "independent_m2": independent,
+        "systematic_m2": _systematic_m2(layers, settings),
+        "relief_m2": _relief_m2(layers, independent, slope2, ~few, settings),
+        "pose_m2": moved.pose_m2.astype(np.float32),
+        "horizontal_m2": np.maximum(horizontal, 0.0).astype(np.float32),
+    }
+    variance = sum(parts.values(), np.zeros(seen.shape, np.float32))
+    start_m2 = settings.horizontal_share * settings.resolution_m**2
+    places = {
+        "horizontal_xx_m2": (moved.xx_m2 + start_m2).astype(np.float32),
+        "horizontal_xy_m2": moved.xy_m2.astype(np.float32),
+        "horizontal_yy_m2": (moved.yy_m2 + start_m2).astype(np.float32),
+    }
     return ElevationMap(
         resolution_m=settings.resolution_m,
-        x_m=_centres_m(first_x, columns, settings.resolution_m),
-        y_m=_centres_m(first_y, rows, settings.resolution_m),
+        x_m=x_m,
+        y_m=y_m,
         elevation_m=_where(seen, elevation),
         variance_m2=_where(seen, variance),
-        independent_m2=_where(seen, independent),
-        systematic_m2=_where(seen, systematic),
-        relief_m2=_where(seen, relief),
+        **{name: _where(seen, part) for name, part in (parts | places).items()},
         frames=layers.frames,
         pixels=layers.pixels,
         last_seen_ns=np.where(seen, layers.last_ns, 0),
         state=_states(layers.frames, few, variance, settings),
         attributes=attributes,
     )
+
+
+def _systematic_m2(layers: CellLayers, settings: MapSettings) -> Float32Array:
+    total: Float32Array = (
+        np.square(layers.systematic_a_m)
+        + np.square(layers.systematic_b_m)
+        + np.square(layers.systematic_c_m)
+        + np.square(layers.systematic_bias_m)
+        + np.float32(settings.mount_sigma_m**2)
+    )
+    return total
+
+
+def _relief_m2(
+    layers: CellLayers,
+    independent_m2: Float32Array,
+    slope2: Float32Array,
+    confirmed: NDArray[np.bool_],
+    settings: MapSettings,
+) -> Float32Array:
+    spread = np.maximum(layers.relief_m2, np.float32(0.0))
+    spread += slope2 * np.float32(settings.resolution_m**2 / 12.0)
+    around = np.empty_like(spread)
+    surrounding_relief(layers.elevation_m, independent_m2, confirmed, around)
+    unsampled = settings.relief_share + settings.relief_frames / np.maximum(layers.frames, 1)
+    relief = np.float32(settings.relief_share) * spread
+    relief += np.minimum(unsampled, 2.0).astype(np.float32) * around
+    return relief
 
 
 def _cut_to_seen(grid: Grid) -> tuple[CellLayers, int, int]:
@@ -174,22 +220,23 @@ def _where(seen: NDArray[np.bool_], layer: Float32Array) -> Float32Array:
     return np.where(seen, layer, np.float32(np.nan))
 
 
-def _slope_squared(
+def _gradient(
     height_m: Float64Array, confirmed: NDArray[np.bool_], cell_size_m: float
-) -> Float32Array:
-    """Return |grad h|^2: central differences, one-sided beside a gap, 0 between two gaps."""
-    total = np.zeros(height_m.shape, np.float32)
+) -> tuple[Float32Array, Float32Array]:
+    """Return dh/dy and dh/dx: central, one-sided beside a gap, 0 between two gaps."""
+    slopes: list[Float32Array] = []
     for axis in (0, 1):
-        rise = np.zeros_like(total)
-        count = np.zeros_like(total)
+        rise = np.zeros(height_m.shape, np.float32)
+        count = np.zeros_like(rise)
         lower, upper = _neighbours(axis)
         step = (height_m[upper] - height_m[lower]).astype(np.float32)
         usable = confirmed[upper] & confirmed[lower]
         for side in (lower, upper):
             rise[side] += np.where(usable, step, np.float32(0.0))
             count[side] += usable
-        total += np.square(rise / (np.maximum(count, 1) * np.float32(cell_size_m)))
-    return total
+        rise /= np.maximum(count, 1) * np.float32(cell_size_m)
+        slopes.append(rise)
+    return slopes[0], slopes[1]
 
 
 def _neighbours(axis: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:

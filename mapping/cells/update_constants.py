@@ -11,10 +11,10 @@ class FrameConstants(NamedTuple):
     """One frame's geometry and common errors, in T; see `mapping.measurement`.
 
     first_column, first_row: the window's corner in the layers, which wrap around. corner_*: that
-    corner relative to the camera. lever_*: camera minus tracked body. rXY: elements of C_TS.
-    pose_*: entries of the pose covariance, z, rotation about x and about y. mount_rad: sigma of
-    the mount's rotation. bias_*: sigma of the depth bias is bias_0 + bias_2 z^2. range_min_m: no
-    reading is nearer.
+    corner relative to the camera. camera_*: the camera in T. lever_*: camera minus tracked body.
+    rXY: elements of C_TS. pose_*: entries of the pose covariance, z, rotation about x and about y.
+    mount_rad: sigma of the mount's rotation. bias_*: sigma of the depth bias is bias_0 +
+    bias_2 z^2. range_min_m: no reading is nearer.
     """
 
     t_ns: int
@@ -25,6 +25,8 @@ class FrameConstants(NamedTuple):
     cell_size_m: float
     corner_x_m: float
     corner_y_m: float
+    camera_x_m: float
+    camera_y_m: float
     camera_z_m: float
     lever_x_m: float
     lever_y_m: float

@@ -58,9 +58,9 @@ def fill_gaps(map_: ElevationMap, up_to_m: float) -> ElevationMap:
     missing_max = gap_cells(up_to_m, map_.resolution_m)
     use = np.isin(map_.state, CONFIRMED) & np.isfinite(map_.elevation_m)
     use &= np.isfinite(map_.variance_m2)
-    source = Source(
-        use, map_.elevation_m, map_.independent_m2, map_.systematic_m2, map_.resolution_m
-    )
+    # Errors of poses and places are common to both rims, as the systematic ones are.
+    common_m2 = map_.systematic_m2 + map_.pose_m2 + map_.horizontal_m2
+    source = Source(use, map_.elevation_m, map_.independent_m2, common_m2, map_.resolution_m)
     filled = Filled(
         np.zeros(use.shape, np.bool_), *(np.zeros(use.shape, np.float32) for _ in range(4))
     )
@@ -106,6 +106,7 @@ def _line_error_m2(source: Source, missing_max: NDArray[np.int64]) -> Float64Arr
 def _with(map_: ElevationMap, filled: Filled, up_to_m: float) -> ElevationMap:
     done = filled.done
     parts = (filled.independent_m2, filled.systematic_m2, filled.shape_m2)
+    none, place_m2 = np.float32(0.0), np.float32(0.25 * map_.resolution_m**2)
     return replace(
         map_,
         elevation_m=np.where(done, filled.height_m, map_.elevation_m),
@@ -113,6 +114,11 @@ def _with(map_: ElevationMap, filled: Filled, up_to_m: float) -> ElevationMap:
         independent_m2=np.where(done, parts[0], map_.independent_m2),
         systematic_m2=np.where(done, parts[1], map_.systematic_m2),
         relief_m2=np.where(done, parts[2], map_.relief_m2),
+        pose_m2=np.where(done, none, map_.pose_m2),
+        horizontal_m2=np.where(done, none, map_.horizontal_m2),
+        horizontal_xx_m2=np.where(done, place_m2, map_.horizontal_xx_m2),
+        horizontal_xy_m2=np.where(done, none, map_.horizontal_xy_m2),
+        horizontal_yy_m2=np.where(done, place_m2, map_.horizontal_yy_m2),
         state=np.where(done, np.uint8(CellState.FILLED), map_.state),
         attributes={**map_.attributes, "gaps_filled_up_to_m": up_to_m},
     )

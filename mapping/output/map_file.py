@@ -38,7 +38,7 @@ class _Layer(NamedTuple):
 
 _LAYERS = {
     "elevation": _Layer("elevation_m", "m", "height of the terrain in the cell, z up"),
-    "variance": _Layer("variance_m2", "m2", "variance of the height: sum of its three parts"),
+    "variance": _Layer("variance_m2", "m2", "variance of the height: sum of its five parts"),
     "lower": _Layer("lower_m", "m", "height minus 3 standard deviations"),
     "upper": _Layer("upper_m", "m", "height plus 3 standard deviations"),
     "independent_variance": _Layer(
@@ -50,6 +50,15 @@ _LAYERS = {
     "relief_variance": _Layer(
         "relief_m2", "m2", "part of the variance from the shape of the surface in the cell"
     ),
+    "pose_variance": _Layer(
+        "pose_m2", "m2", "part of the variance from height and tilt of the poses"
+    ),
+    "horizontal_variance": _Layer(
+        "horizontal_m2", "m2", "part of the variance from the errors of the cell's place by motion"
+    ),
+    "horizontal_xx": _Layer("horizontal_xx_m2", "m2", "variance of the cell's place along x"),
+    "horizontal_xy": _Layer("horizontal_xy_m2", "m2", "covariance of the cell's place, x and y"),
+    "horizontal_yy": _Layer("horizontal_yy_m2", "m2", "variance of the cell's place along y"),
     "count": _Layer("frames", "1", "frames that contributed", "number_of_observations"),
     "pixels": _Layer("pixels", "1", "depth readings in those frames"),
     "time": _Layer("last_seen_ns", "ns", "clock of the last contribution, 0 where there is none"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mapping.motion.pose_errors import ABSOLUTE, RELATIVE, PoseErrorModel
 from mapping.poses.estimated import EstimatedPoses
 from mapping.poses.recorded import RecordedPoses
 from mapping.poses.source import PoseSource
@@ -11,6 +12,13 @@ from mapping.settings import MapSettings
 def is_aligned(settings: MapSettings) -> bool:
     """Tell whether frames are aligned with the map before they are mapped."""
     return settings.pose_source.endswith("+alignment")
+
+
+def pose_errors_for(settings: MapSettings) -> PoseErrorModel:
+    """Return where the errors of those poses are counted."""
+    if is_aligned(settings):
+        return settings.aligned_errors
+    return ABSOLUTE if settings.pose_source == "mocap" else RELATIVE
 
 
 def pose_source_for(settings: MapSettings) -> PoseSource:

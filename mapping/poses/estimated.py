@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from acquisition.messages.codec import Recordable
 from acquisition.messages.frames import BASE_FRAME
 from drivers.samples import (
@@ -19,6 +22,8 @@ from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
 from mapping.poses.settings import TiltSource
 from mapping.poses.source import PoseCounts
+
+Float64Array = NDArray[np.float64]
 
 # The aligner judges its own results; the filter's idea of the tilt can be a degree off and sure of
 # it, and leaving the map out then loses both.
@@ -83,6 +88,16 @@ class EstimatedPoses:
             self._check()
             self._is_checked = True
         return pose
+
+    @property
+    def latest(self) -> UncertainPose | None:
+        """The last pose that the filter has found."""
+        ready_ns = self._ego.poses_ready_until_ns
+        return None if ready_ns is None else self._ego.pose_at(ready_ns)
+
+    def motion_covariance(self, t0_ns: int, t1_ns: int) -> Float64Array:
+        """Return what the motion between two times adds to the errors of (x, y, z, yaw)."""
+        return self._ego.relative_covariance(t0_ns, t1_ns).covariance_xyz_yaw
 
     def correct(self, alignment: Alignment) -> None:
         """Take what the map says of a pose that `at` gave."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from acquisition.messages.codec import Recordable
 from acquisition.messages.frames import MOCAP_BODY_FRAME
 from drivers.samples import PoseSample
@@ -9,6 +12,8 @@ from mapping.alignment.scan_to_map import Alignment
 from mapping.geometry import UncertainPose
 from mapping.pose_track import PoseTrack
 from mapping.poses.source import PoseCounts
+
+Float64Array = NDArray[np.float64]
 
 
 class RecordedPoses:
@@ -46,6 +51,18 @@ class RecordedPoses:
     def at(self, t_ns: int) -> UncertainPose | None:
         """Return the pose at a time; None where no two poses close enough surround it."""
         return self._track.at(t_ns)
+
+    @property
+    def latest(self) -> None:
+        """None: recorded poses are as good after a way as before it."""
+
+    def motion_covariance(
+        self,
+        t0_ns: int,  # noqa: ARG002 - part of the protocol
+        t1_ns: int,  # noqa: ARG002
+    ) -> Float64Array:
+        """Return zeros: no pose hangs on the one before it."""
+        return np.zeros((4, 4))
 
     def correct(self, alignment: Alignment) -> None:
         """Do nothing: recorded poses stay what they are."""

@@ -5,9 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from acquisition.messages.codec import Recordable
 from mapping.alignment.scan_to_map import Alignment
 from mapping.geometry import UncertainPose
+
+Float64Array = NDArray[np.float64]
 
 
 @dataclass(slots=True)
@@ -50,6 +55,16 @@ class PoseSource(Protocol):
 
         Raises:
             MappingError: the stream lacks what the source lives on; says what.
+        """
+
+    @property
+    def latest(self) -> UncertainPose | None:
+        """The last pose that is final, of a source whose errors grow with motion; else None."""
+
+    def motion_covariance(self, t0_ns: int, t1_ns: int) -> Float64Array:
+        """Return (4, 4) of the error of (x, y, z, yaw) of the motion between two times.
+
+        In axes of T: m^2, m rad, rad^2; zeros where the source does not tell.
         """
 
     def correct(self, alignment: Alignment) -> None:

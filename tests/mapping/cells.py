@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mapping.cells.cell_layers import empty_layers
 from mapping.cells.update_constants import FrameConstants, fusion_constants
 from mapping.cells.update_kernels import UpdateCounts, fuse
+from mapping.motion.ledger import Motions, at_rest
 from mapping.settings import MapSettings
 
 Float64Array = NDArray[np.float64]
@@ -61,8 +62,11 @@ class Cell:
             MapSettings(**({"sigma_floor_m": 1e-6, "sigma_ceiling_m": 100.0} | settings))
         )
 
-    def see(self, seen: Seen) -> UpdateCounts:
-        """Fuse one frame. Its pixels lie 1 m above the camera: both ends are exact."""
+    def see(self, seen: Seen, motions: Motions | None = None) -> UpdateCounts:
+        """Fuse one frame after these motions.
+
+        Its pixels lie 1 m above the camera: both ends are exact.
+        """
         a, b, c, bias = seen.systematic
         n = len(seen.offsets_m)
         # dh = mount . (r00 y - r10 x, r01 y - r11 x, r02 y - r12 x) with x = 0, y = 1, and the
@@ -78,7 +82,7 @@ class Cell:
             pose_zz=seen.common_m2,
         )
         sums = sums_of([1.0 + offset for offset in seen.offsets_m], 1.0 / (n * seen.own_m2))
-        counts = fuse(sums, frame, self._fusion, self.layers)
+        counts = fuse(sums, frame, self._fusion, self.layers, motions or at_rest())
         assert not sums.any(), "the sums must be cleared for the next frame"
         return counts
 

@@ -39,6 +39,7 @@ def make_map(
         state = np.where(known, CellState.MEASURED, CellState.UNKNOWN)
     variance = np.broadcast_to(np.square(np.asarray(sigma_m, np.float64)), elevation.shape)
     variance = np.where(known, variance, np.nan).astype(np.float32)
+    start_m2 = np.where(known, 0.25 * resolution_m**2, np.nan).astype(np.float32)
     return ElevationMap(
         resolution_m=resolution_m,
         x_m=(np.arange(first_x, first_x + columns) + 0.5) * resolution_m,
@@ -48,6 +49,11 @@ def make_map(
         independent_m2=np.float32(0.25) * variance,
         systematic_m2=np.float32(0.5) * variance,
         relief_m2=np.float32(0.25) * variance,
+        pose_m2=0 * variance,
+        horizontal_m2=0 * variance,
+        horizontal_xx_m2=start_m2,
+        horizontal_xy_m2=0 * variance,
+        horizontal_yy_m2=start_m2,
         frames=np.where(known, 7, 0).astype(np.uint32),
         pixels=np.where(known, 90, 0).astype(np.uint32),
         last_seen_ns=np.where(known, EPOCH_NS, 0).astype(np.int64),

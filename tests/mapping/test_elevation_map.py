@@ -242,4 +242,4 @@ def test_the_fingerprint_knows_shape_and_type_but_not_how_the_map_was_made() -> 
 
 
 def test_there_are_as_many_arrays_as_the_map_has_layers() -> None:
-    assert len(ARRAYS) == 11
+    assert len(ARRAYS) == 16

@@ -159,7 +159,8 @@ def test_a_map_beyond_the_memory_limit_is_refused_and_nothing_is_lost() -> None:
     _visit(grid, 10, 10, 1)
     _visit(grid, 100, 10, 2)
     before = _cells(grid)
-    reason = r"grow to 16 m x 3 m \(1\.2 MB\), the limit is 1\.0 MB; check the poses for jumps"
+    need, limit = (cells * 64 * 64 * BYTES_PER_CELL / 1e6 for cells in (5, 4))
+    reason = rf"grow to 16 m x 3 m \({need:.1f} MB\), the limit is {limit:.1f} MB; check the poses"
     with pytest.raises(MappingError, match=reason):
         _visit(grid, 270, 10, 3)
     assert _cells(grid) == before

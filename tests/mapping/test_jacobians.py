@@ -18,6 +18,7 @@ from mapping.cells.update_constants import fusion_constants
 from mapping.cells.update_kernels import fuse
 from mapping.geometry import RigidTransform
 from mapping.measurement import FrameReducer, View
+from mapping.motion.ledger import at_rest
 from mapping.noise import DepthNoiseModel
 from mapping.settings import MapSettings
 from tests.mapping.cells import sums_of
@@ -64,7 +65,7 @@ def _layers_after(view: View, point_s: Float64Array) -> tuple[CellLayers, Float6
     layers = empty_layers(1, 1)
     height = float(point[2] - view.T_terrain_sensor.translation_m[2])
     frame = reducer.frame_constants(view, window, (0, 0))
-    fuse(sums_of([height], 1.0 / OWN_M2), frame, fusion_constants(settings), layers)
+    fuse(sums_of([height], 1.0 / OWN_M2), frame, fusion_constants(settings), layers, at_rest())
     return layers, point
 
 
@@ -169,7 +170,7 @@ def test_constant_errors_that_are_known_to_be_zero_move_nothing(
     window = CellWindow(int(cell[0]), int(cell[1]), 1, 1)
     frame = FrameReducer(CAMERA, plain, settings).frame_constants(view, window, (0, 0))
     layers = empty_layers(1, 1)
-    fuse(sums_of([1.0], 1.0), frame, fusion_constants(settings), layers)
+    fuse(sums_of([1.0], 1.0), frame, fusion_constants(settings), layers, at_rest())
     for name in ("a", "b", "c", "bias"):
         assert getattr(layers, f"systematic_{name}_m")[0, 0] == 0.0
 
@@ -195,5 +196,5 @@ def test_the_middle_of_a_coarse_cell_is_never_nearer_than_the_range() -> None:
         view_of(optical, (1.0, 1.0, 0.4)), CellWindow(0, 0, 1, 1), (0, 0)
     )
     layers = empty_layers(1, 1)
-    fuse(sums_of([-0.4], 1.0), frame, fusion_constants(settings), layers)
+    fuse(sums_of([-0.4], 1.0), frame, fusion_constants(settings), layers, at_rest())
     assert layers.systematic_bias_m[0, 0] == pytest.approx(-0.4 / 0.4 * 0.01)

@@ -13,6 +13,7 @@ from scipy.optimize import minimize_scalar
 from mapping.cells.cell_layers import empty_layers
 from mapping.cells.update_constants import fusion_constants
 from mapping.cells.update_kernels import fuse
+from mapping.motion.ledger import at_rest
 from mapping.settings import MapSettings
 from tests.mapping.cells import SECOND_NS, Cell, Seen, constants, sums_of
 
@@ -199,7 +200,7 @@ def test_pixels_share_their_noise_over_the_correlation_area() -> None:
     for area, variance in expected.items():
         layers = empty_layers(1, 1)
         sums = sums_of([1.0] * 12, 1.0 / 4e-4)
-        fuse(sums, constants(correlation_area_px=area), fusion, layers)
+        fuse(sums, constants(correlation_area_px=area), fusion, layers, at_rest())
         assert layers.variance_m2[0, 0] == pytest.approx(variance, rel=1e-6)
 
 
@@ -257,7 +258,7 @@ def test_each_cell_of_a_frame_is_on_its_own_and_the_window_wraps_around() -> Non
         if np.isfinite(height):
             sums[k] = sums_of([height], 1e4)
     frame = constants(first_column=3, first_row=4, cells_x=3, cells_y=2, t_ns=5)
-    counts = fuse(sums, frame, fusion_constants(MapSettings()), layers)
+    counts = fuse(sums, frame, fusion_constants(MapSettings()), layers, at_rest())
     assert counts == (5, 0, 0)
     assert not sums.any()
     expected = np.zeros((5, 4))

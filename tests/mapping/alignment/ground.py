@@ -17,6 +17,7 @@ from mapping.cells.update_constants import fusion_constants
 from mapping.cells.update_kernels import fuse
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.measurement import FrameReducer, View
+from mapping.motion.ledger import at_rest
 from mapping.noise import NGUYEN_2012
 from mapping.settings import MapSettings
 from simulation.devices.camera_mount import on_rover
@@ -86,7 +87,7 @@ class Site:
         window = self.grid.prepare(self.reducer.footprint(view), *pose.translation_m[:2])
         sums, _ = self.reducer.reduce(view, window)
         constants = self.reducer.frame_constants(view, window, self.grid.position(window))
-        fuse(sums, constants, self._fusion, self.grid.layers)
+        fuse(sums, constants, self._fusion, self.grid.layers, at_rest())
 
     def build(self, frames: int = 5) -> None:
         """Map frames from true poses, while the rover moves 2 cm and turns a degree each time."""

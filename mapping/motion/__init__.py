@@ -1,0 +1,1 @@
+"""What moving does to a map: errors of poses and of the motion between them."""

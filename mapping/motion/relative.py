@@ -1,0 +1,116 @@
+"""The uncertainty of a motion from one pose to the next (paper eqs. 28 and 48-54, corrected).
+
+R~ is the body turned upright: x, y, z and yaw. C = C_TR~, e = e_z, dr = displacement in T.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.geometry import RigidTransform, UncertainPose
+
+Float64Array = NDArray[np.float64]
+
+# Rounding leaves eigenvalues this small a share of the largest one below 0.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeMotion:
+    """A motion of the rover, and how wrong it may be.
+
+    Attributes:
+        t_ns: time of its end.
+        position_m: (3,) the rover in T at its end.
+        yaw_rad: heading of the axes that `covariance` is given in: the rover's before the motion,
+            or 0 for a covariance in axes of T.
+        covariance: (4, 4) of the error of (x, y, z, yaw) of this motion: m^2, m rad, rad^2; zeros
+            where the source does not tell.
+        distance_m: way driven; 0 at rest, however much the poses jitter.
+    """
+
+    t_ns: int
+    position_m: Float64Array
+    yaw_rad: float
+    covariance: Float64Array
+    distance_m: float
+
+
+class Clipped(NamedTuple):
+    """A covariance without negative eigenvalues, and whether it had any."""
+
+    covariance: Float64Array
+    was_clipped: bool
+
+
+def relative_covariance(
+    before: Float64Array, after: Float64Array, displacement_m: Float64Array, yaw_rad: float
+) -> Clipped:
+    """Return the covariance of a motion from the covariances of the poses at its ends.
+
+    Sigma_rel = G^-1 (Sigma_k+1 - F Sigma_k F') G^-T with F = [I, [e]x dr; 0, 1], G = [C, 0; 0, 1].
+
+    Args:
+        before, after: (4, 4) covariances of (x, y, z, yaw) in T; see `upright_covariance`.
+        displacement_m: (3,) dr.
+        yaw_rad: heading before the motion.
+
+    Returns:
+        (4, 4) of (x, y, z, yaw) in R~ before the motion, PSD: a filter that has learned something
+        on the way makes the difference negative in some direction, which is then clipped to 0.
+    """
+    forward = np.eye(4)
+    forward[:2, 3] = -displacement_m[1], displacement_m[0]
+    to_body = _heading(yaw_rad).T
+    return clip_to_psd(to_body @ (after - forward @ before @ forward.T) @ to_body.T)
+
+
+def clip_to_psd(matrix: Float64Array) -> Clipped:
+    """Return a symmetric matrix with its negative eigenvalues set to 0."""
+    symmetric = 0.5 * (matrix + matrix.T)
+    values, vectors = np.linalg.eigh(symmetric)
+    if values[0] >= -_ROUNDING * abs(values[-1]):
+        return Clipped(symmetric, was_clipped=False)
+    return Clipped((vectors * np.maximum(values, 0.0)) @ vectors.T, was_clipped=True)
+
+
+def in_terrain_axes(motion: RelativeMotion) -> Float64Array:
+    """Return a motion's (4, 4) covariance in axes of T: G Sigma G'."""
+    to_terrain = _heading(motion.yaw_rad)
+    turned: Float64Array = to_terrain @ motion.covariance @ to_terrain.T
+    return turned
+
+
+def yaw_of(transform: RigidTransform) -> float:
+    """Return the heading of the body's x axis in T."""
+    return math.atan2(transform.rotation[1, 0], transform.rotation[0, 0])
+
+
+def upright_covariance(pose: UncertainPose) -> Float64Array:
+    """Return the (4, 4) covariance of (x, y, z, yaw) of a pose with a full rotation error.
+
+    d yaw = [cos(psi) tan(theta), sin(psi) tan(theta), 1] . (rotation about T's x, y, z), theta =
+    pitch, z - y - x convention: not the rotation's z alone.
+    """
+    rotation = pose.transform.rotation
+    level = math.hypot(rotation[0, 0], rotation[1, 0])
+    jacobian = np.zeros((4, 6))
+    jacobian[:3, :3] = np.eye(3)
+    # cos(psi) tan(theta) with cos(psi) = r00 / level and tan(theta) = -r20 / level.
+    jacobian[3, 3:5] = -rotation[2, 0] * rotation[:2, 0] / level**2
+    jacobian[3, 5] = 1.0
+    reduced: Float64Array = jacobian @ pose.covariance @ jacobian.T
+    return reduced
+
+
+def _heading(yaw_rad: float) -> Float64Array:
+    """Return G: (x, y, z, yaw) of R~ to T."""
+    turn = np.eye(4)
+    cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)
+    turn[:2, :2] = (cosine, -sine), (sine, cosine)
+    return turn
