@@ -17,8 +17,9 @@ from mapping.cells.elevation_map import read_out
 from mapping.cells.grid import GrowingGrid
 from mapping.cells.update_constants import fusion_constants
 from mapping.geometry import RigidTransform, UncertainPose
-from mapping.ground import fill_kernels, layer_kernels
+from mapping.ground import fill_kernels, fusion_kernels, layer_kernels
 from mapping.ground.fill import fill_gaps
+from mapping.ground.fusion import fuse_map
 from mapping.ground.layers import derive
 from mapping.measurement import FrameReducer, View
 from mapping.motion.ledger import at_rest
@@ -38,6 +39,7 @@ _ENTRY_POINTS = (
     layer_kernels.supported_steps,
     fill_kernels.measure_errors,
     fill_kernels.bridge,
+    fusion_kernels.integrate,
 )
 
 
@@ -90,5 +92,6 @@ def compile_kernels() -> None:
     ScanAligner(AlignmentSettings(), settings.resolution_m).align(reducer, view, grid)
     map_ = read_out(grid, settings, {})
     derive(map_)
+    fuse_map(map_)
     fill_gaps(map_, settings.resolution_m)
     _note_use()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mapping.cells.elevation_map import CellState, ElevationMap
 from mapping.errors import MappingError
 from mapping.files import write_whole
+from mapping.ground.fusion import fuse_map
 from mapping.ground.layers import derive
 from mapping.judging.evaluation import CONFIRMED
 from mapping.output.netcdf import FRAME, software
@@ -44,7 +45,7 @@ def geotiff(map_: ElevationMap) -> bytes:
     """Return a GeoTIFF of float32 bands, NaN = unknown.
 
     Elevation, sigma, lower, upper (m) and state; slope (rad), roughness, step (m) and
-    traversability of `mapping.ground.layers`.
+    traversability of `mapping.ground.layers`; height, sigma and bounds of `mapping.ground.fusion`.
 
     Row 0 is the largest y (north up); the reference system is a local one in metres.
     """
@@ -52,7 +53,7 @@ def geotiff(map_: ElevationMap) -> bytes:
     from rasterio import Affine
     from rasterio.io import MemoryFile
 
-    layers = derive(map_)
+    layers, fused = derive(map_), fuse_map(map_)
     bands = {
         "elevation": ("m", map_.elevation_m),
         "sigma": ("m", map_.sigma_m),
@@ -63,6 +64,10 @@ def geotiff(map_: ElevationMap) -> bytes:
         "roughness": ("m", layers.roughness_m),
         "step": ("m", layers.step_m),
         "traversability": ("1", layers.traversability),
+        "fused_elevation": ("m", fused.elevation_m),
+        "fused_sigma": ("m", np.sqrt(fused.variance_m2)),
+        "fused_lower": ("m", fused.lower_m),
+        "fused_upper": ("m", fused.upper_m),
     }
     edge_m, half_m = map_.resolution_m, 0.5 * map_.resolution_m
     rows, columns = map_.state.shape

@@ -18,6 +18,7 @@ from mapping.cells.elevation_map import ElevationMap
 from mapping.errors import MappingError
 from mapping.files import write_whole
 from mapping.output.figure_errors import consistency_figure, error_figure
+from mapping.output.figure_fused import fused_figure
 from mapping.output.figure_layers import layers_figure
 from mapping.output.figure_plan import height_figure, sigma_figure, state_figure
 from mapping.output.figure_profile import longest_section, profile_figure
@@ -33,8 +34,8 @@ def write_figures(
 
     Args:
         map_: the map.
-        folder: gets height.png, sigma.png, state.png, layers.png, profile.png, surface.png
-            and, with a truth, error.png and consistency.png.
+        folder: gets height.png, sigma.png, state.png, layers.png, fused.png, profile.png,
+            surface.png and, with a truth, error.png and consistency.png.
         truth_m: true heights at the cell centres, NaN = none.
 
     Raises:
@@ -47,6 +48,7 @@ def write_figures(
         "sigma": sigma_figure(map_),
         "state": state_figure(map_),
         "layers": layers_figure(map_),
+        "fused": fused_figure(map_),
         "profile": profile_figure(map_, section, truth_m),
         "surface": surface_figure(map_, truth_m),
     }

@@ -1,10 +1,10 @@
 """The map as one NetCDF-4 file by the CF conventions; any NetCDF program opens it.
 
 Dimensions (y, x), cell centres in metres, row 0 = smallest y. `lower`, `upper` and the layers of
-`mapping.ground.layers` follow from the others: they are written for readers, and neither read
-back nor part of the checksum of the map's arrays. `time` is in plain nanoseconds of the
-recording's clock: as a date it would be wrong for a monotonic clock, and as a floating number it
-would lose its last digits.
+`mapping.ground.layers` and `mapping.ground.fusion` follow from the others: they are written for
+readers, and neither read back nor part of the checksum of the map's arrays. `time` is in plain
+nanoseconds of the recording's clock: as a date it would be wrong for a monotonic clock, and as a
+floating number it would lose its last digits.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import xarray as xr
 
 from mapping.cells.elevation_map import CellState, ElevationMap
 from mapping.errors import MappingError
+from mapping.ground.fusion import fuse_map
 from mapping.ground.layers import LayerSettings, derive
 from mapping.output.netcdf import CONVENTIONS, FRAME, damaged, read_netcdf, software, write_netcdf
 
@@ -77,6 +78,14 @@ _DERIVED_LAYERS = {
     "step": _Layer("step_m", "m", "range of the heights around the cell"),
     "traversability": _Layer("traversability", "1", "0 = beyond a limit, 1 = level and smooth"),
 }
+_FUSED_LAYERS = {
+    "fused_elevation": _Layer(
+        "elevation_m", "m", "mean height over the errors of the cell's place"
+    ),
+    "fused_variance": _Layer("variance_m2", "m2", "variance of that mean"),
+    "fused_lower": _Layer("lower_m", "m", "lower bound, errors of height and place"),
+    "fused_upper": _Layer("upper_m", "m", "upper bound, errors of height and place"),
+}
 
 
 def write_map(map_: ElevationMap, path: Path) -> None:
@@ -117,7 +126,11 @@ def read_map(path: Path) -> ElevationMap:
 
 def _dataset(map_: ElevationMap) -> xr.Dataset:
     layer_settings = LayerSettings()
-    sources = ((map_, _LAYERS), (derive(map_, layer_settings), _DERIVED_LAYERS))
+    sources = (
+        (map_, _LAYERS),
+        (derive(map_, layer_settings), _DERIVED_LAYERS),
+        (fuse_map(map_), _FUSED_LAYERS),
+    )
     dataset = xr.Dataset(
         {
             name: (("y", "x"), getattr(source, layer.field), _layer_attributes(name, layer))

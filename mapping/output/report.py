@@ -27,6 +27,7 @@ _CAPTIONS = {
     "height": "Heights of the confirmed cells, seen from above.",
     "sigma": "How well each height is known: one standard deviation, logarithmic colours.",
     "state": "Unconfirmed cells were seen too seldom to be trusted.",
+    "fused": "What the errors of a cell's place add: most on slopes and beside steps.",
     "layers": "How steep the ground is, and how well it can be driven on.",
     "profile": "A vertical cut: the true terrain should stay inside the band.",
     "surface": "The map between its bounds of 3 standard deviations.",

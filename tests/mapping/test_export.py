@@ -12,6 +12,7 @@ from PIL import Image
 
 from mapping.cells.elevation_map import CellState
 from mapping.errors import MappingError
+from mapping.ground.fusion import fuse_map
 from mapping.ground.layers import derive
 from mapping.output.export import export
 from tests.mapping.maps import hilly_map, make_map
@@ -24,8 +25,10 @@ def test_a_geotiff_has_bands_units_and_a_place(tmp_path: Path) -> None:
     export(map_, tmp_path / "map.tif")
     with rasterio.open(tmp_path / "map.tif") as file:
         measured = ("elevation", "sigma", "lower", "upper", "state")
-        assert file.descriptions == (*measured, "slope", "roughness", "step", "traversability")
-        assert file.units == ("m", "m", "m", "m", "1", "rad", "m", "m", "1")
+        derived = ("slope", "roughness", "step", "traversability")
+        fused = ("fused_elevation", "fused_sigma", "fused_lower", "fused_upper")
+        assert file.descriptions == (*measured, *derived, *fused)
+        assert file.units == ("m", "m", "m", "m", "1", "rad", "m", "m", "1", *["m"] * 4)
         assert set(file.dtypes) == {"float32"}
         assert np.isnan(file.nodata)
         assert 'LOCAL_CS["terravibe terrain frame",UNIT["metre",1' in file.crs.wkt
@@ -35,10 +38,12 @@ def test_a_geotiff_has_bands_units_and_a_place(tmp_path: Path) -> None:
         for row, column in ((0, 0), (3, 7), (29, 39)):
             x, y = file.xy(29 - row, column)
             assert (x, y) == pytest.approx((map_.x_m[column], map_.y_m[row]))
-    more = derive(map_)
+    more, fused_map = derive(map_), fuse_map(map_)
     layers = (
         *(map_.elevation_m, map_.sigma_m, map_.lower_m, map_.upper_m, map_.state),
         *(more.slope_rad, more.roughness_m, more.step_m, more.traversability),
+        *(fused_map.elevation_m, np.sqrt(fused_map.variance_m2)),
+        *(fused_map.lower_m, fused_map.upper_m),
     )
     for band, layer in zip(bands, layers, strict=True):
         np.testing.assert_array_equal(band[::-1], layer)

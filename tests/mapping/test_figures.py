@@ -24,7 +24,7 @@ from mapping.output.figure_surface import surface_figure
 from mapping.output.figures import png_bytes, write_figures
 from tests.mapping.maps import hilly_map, make_map
 
-NAMES = ["height", "sigma", "state", "layers", "profile", "surface"]
+NAMES = ["height", "sigma", "state", "layers", "fused", "profile", "surface"]
 
 
 def _truth(map_: ElevationMap) -> NDArray[np.float64]:
@@ -60,7 +60,7 @@ def test_without_a_truth_there_are_no_errors_to_show(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 150), (150, 1), (2, 2)])
 def test_maps_of_any_shape_can_be_drawn(tmp_path: Path, shape: tuple[int, int]) -> None:
-    assert len(write_figures(make_map(np.zeros(shape)), tmp_path, np.zeros(shape))) == 8
+    assert len(write_figures(make_map(np.zeros(shape)), tmp_path, np.zeros(shape))) == 9
 
 
 def test_plans_have_units_equal_scales_and_the_right_place() -> None:

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapping.errors import MappingError
+from mapping.ground.fusion import fuse_map
 from mapping.ground.layers import LayerSettings, derive
 from mapping.output.map_file import read_map, write_map
 from tests.fakes.ordinary_user import ordinary_user
@@ -89,7 +90,7 @@ def test_a_plain_reader_sees_conventional_names_units_and_flags(path: Path) -> N
 
 def test_derived_layers_stand_beside_the_map_with_how_they_were_made(path: Path) -> None:
     map_ = hilly_map()
-    layers = derive(map_)
+    layers, fused = derive(map_), fuse_map(map_)
     write_map(map_, path)
     with xr.open_dataset(path) as dataset:
         for name, layer in (
@@ -101,6 +102,10 @@ def test_derived_layers_stand_beside_the_map_with_how_they_were_made(path: Path)
             ("roughness_noise", layers.roughness_noise_m),
             ("step", layers.step_m),
             ("traversability", layers.traversability),
+            ("fused_elevation", fused.elevation_m),
+            ("fused_variance", fused.variance_m2),
+            ("fused_lower", fused.lower_m),
+            ("fused_upper", fused.upper_m),
         ):
             np.testing.assert_array_equal(dataset[name].values, layer)
         for name, value in asdict(LayerSettings()).items():
@@ -115,6 +120,7 @@ def test_a_file_from_before_the_derived_layers_is_read(path: Path) -> None:
             [
                 *("slope", "slope_sigma", "normal_x", "normal_y"),
                 *("roughness", "roughness_noise", "step", "traversability"),
+                *("fused_elevation", "fused_variance", "fused_lower", "fused_upper"),
             ]
         )
     old.to_netcdf(path, engine="h5netcdf")
