@@ -70,7 +70,8 @@ class EgoMotionSettings:
         still_speed_m_s: wheels slower than this may stand.
         still_ratio, moving_ratio: vibration over its level at rest; quiet below the first,
             moving above the second.
-        still_margin_s: the first and last part of a quiet time that does not count.
+        still_margin_s, still_margin_alone_s: the first and last part of a quiet time that does
+            not count, with wheels that confirm it and without.
         quiet_m_s2: vibration that counts as rest until rest has been seen.
         zero_speed_m_s, zero_speed_alone_m_s: sigma of the speed at standstill, with wheels that
             confirm it and without.
@@ -112,12 +113,12 @@ class EgoMotionSettings:
     turn_sigma_rad_s: float = 0.5
     wheel_scale: float = 0.02
     wheel_scale_walk_per_sqrt_s: float = 0.0
-    slip: float = 0.03
+    slip: float = 0.05
     slip_time_s: float = 1.0
     slip_surprise: float = 0.5
-    lateral_slip_ratio: float = 0.03
+    lateral_slip_ratio: float = 0.06
     lateral_slip_time_s: float = 0.5
-    vertical_walk_ratio: float = 0.03
+    vertical_walk_ratio: float = 0.02
     track_sigma: float = 0.1
     wheel_yaw_correlation_s: float = 0.5
     wheels_gap_s: float = 0.15
@@ -127,9 +128,10 @@ class EgoMotionSettings:
     ground_tilt_time_s: float = 0.5
     speed_sigma_m_s: float = 0.5
     still_speed_m_s: float = 0.01
-    still_ratio: float = 1.25
-    moving_ratio: float = 1.5
+    still_ratio: float = 1.06
+    moving_ratio: float = 1.12
     still_margin_s: float = 0.1
+    still_margin_alone_s: float = 0.4
     quiet_m_s2: float = 0.15
     zero_speed_m_s: float = 0.002
     zero_speed_alone_m_s: float = 0.02

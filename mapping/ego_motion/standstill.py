@@ -133,12 +133,13 @@ class MotionDetector:
         return self._quiet, level > self._settings.moving_ratio * rest
 
 
-def without_ends(still: BoolArray, margin: int) -> BoolArray:
+def without_ends(still: BoolArray, margin: int, widest: int) -> BoolArray:
     """Return the ticks whose neighbours up to `margin` away are still as well.
 
     Args:
-        still: (N + 2 margin,).
-        margin: ticks on either side.
+        still: (N + 2 widest,).
+        margin: ticks on either side, up to `widest`.
+        widest: ticks that are there on either side of those to judge.
     """
-    windows = np.lib.stride_tricks.sliding_window_view(still, 2 * margin + 1)
-    return np.asarray(windows.all(axis=1))
+    windows = np.lib.stride_tricks.sliding_window_view(still, 2 * widest + 1)
+    return np.asarray(windows[:, widest - margin : widest + margin + 1].all(axis=1))
