@@ -96,11 +96,11 @@ def drive(bump_rad: float, random: np.random.Generator) -> Truth:
     speed, turn = np.zeros(t.size), np.zeros(t.size)
     ramp_s = _SPEED_M_S / _RAMP_M_S2
     leg_s = _LEG_M / _SPEED_M_S + ramp_s
-    for start_s, rate in zip(_STARTS_S, _TURNS_RAD_S, strict=True):
+    for start_s, turn_rad_s in zip(_STARTS_S, _TURNS_RAD_S, strict=True):
         since = t - start_s
         share = np.clip(np.minimum(since, leg_s - since) / ramp_s, 0.0, 1.0)
         speed += _SPEED_M_S * share
-        turn += rate * share
+        turn += turn_rad_s * share
     way = np.cumsum(speed) * 0.001
     phases = random.uniform(0.0, 2.0 * math.pi, 2)
     roll = bump_rad * np.sin(2.0 * math.pi * way / 1.1 + phases[0])
@@ -154,7 +154,7 @@ def wheel_samples(truth: Truth, random: np.random.Generator) -> list[WheelTwistS
 
 
 def _curve(values: Float64Array) -> tuple[Float64Array, Float64Array]:
-    return np.arange(values.size) * 0.001, values
+    return np.asarray(np.arange(values.size) * 0.001, np.float64), values
 
 
 def _ns(seconds: float) -> int:
@@ -166,7 +166,12 @@ def inertial_samples(force: Float64Array, rate: Float64Array) -> list[Sample]:
     force.flags.writeable = False
     accelerations = [AccelerationSample(_ns(i * 0.001), a, i) for i, a in enumerate(force)]
     rates = [YawRateSample(_ns(i * 0.0025), w, None, None, i) for i, w in enumerate(rate.tolist())]
-    return list(merge(accelerations, rates, key=lambda sample: sample.t_ns))
+    return in_order(accelerations, rates)
+
+
+def in_order(*lists: Sequence[Sample]) -> list[Sample]:
+    """Return the samples of several sensors by their stamps."""
+    return list(merge(*lists, key=lambda sample: sample.t_ns))
 
 
 def end_error(
@@ -221,7 +226,7 @@ def monte_carlo(ground: str, bump_rad: float, runs: int) -> list[Row]:
         force, rate = measured_force(truth, random), measured_rate(truth, random)
         inertial = inertial_samples(force, rate)
         wheels = wheel_samples(truth, random)
-        both = list(merge(inertial, wheels, key=lambda sample: sample.t_ns))
+        both = in_order(inertial, wheels)
         found["paper2019"].append(paper_error(truth, force, rate))
         found["vibration + gyro"].append(end_error(inertial, truth, _SETTINGS))
         found["gyro + wheels"].append(end_error(both, truth, _SETTINGS))

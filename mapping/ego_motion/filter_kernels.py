@@ -71,6 +71,7 @@ class FilterConstants(NamedTuple):
     turn_time_s: float
     gyro_bias_walk: float
     wheel_scale_walk: float
+    force_walk: float
     zero_speed_m_s: float
     zero_speed_alone_m_s: float
     zero_rate_rad_s: float
@@ -243,6 +244,8 @@ def _noise(
         # otherwise every reading of the gyro would be as far from rest as a turning rover's.
         p[SPEED, SPEED] += c.zero_speed_m_s**2 / c.tick_s * dt
         p[TURN, TURN] += c.zero_rate_rad_s**2 / c.tick_s * dt
+    if held[10] > 0.0:
+        p[FORCE_ERROR, FORCE_ERROR] += c.force_walk * c.force_walk * dt
     p[GYRO_BIAS, GYRO_BIAS] += c.gyro_bias_walk * c.gyro_bias_walk * dt
     p[WHEEL_SCALE, WHEEL_SCALE] += c.wheel_scale_walk * c.wheel_scale_walk * dt
     p[SLIP, SLIP] += (1.0 - d[SLIP] * d[SLIP]) * c.slip * c.slip

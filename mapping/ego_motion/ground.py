@@ -21,7 +21,7 @@ from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.ego_motion.standstill import BoolArray
 from mapping.geometry import Float64Array
 
-_ROUGHNESS_TIME_S = 3.0
+_ROUGHNESS_TIME_S = 2.0
 _EDGE_S = 0.1
 _LEAST_VARIANCE = 1e-8
 
@@ -50,7 +50,8 @@ class GroundWatch:
 
     def __init__(self, settings: EgoMotionSettings) -> None:
         self._settings = settings
-        self._roll_mean = self._roll_variance = 0.0
+        self._roll_at_rest = math.nan
+        self._roll_variance = 0.0
         self._rest = RestForce(round(_EDGE_S / settings.tick_s))
 
     def add(
@@ -71,7 +72,7 @@ class GroundWatch:
         s = self._settings
         rough, rest, variance = (np.zeros(len(still)) for _ in range(3))
         for i in range(len(still)):
-            self._follow(float(roll_rad[i]), float(roll_sigma_rad[i]))
+            self._follow(float(roll_rad[i]), float(roll_sigma_rad[i]), bool(still[i]))
             self._rest.add(float(force_m_s2[i]), float(noise_m2_s4[i]), bool(still[i]))
             rough[i] = self._roll_variance
             rest[i], variance[i] = self._rest.mean, self._rest.variance
@@ -86,14 +87,14 @@ class GroundWatch:
             walk_m2_s3=2.0 * s.ground_tilt_time_s * own * (1.0 - share),
         )
 
-    def _follow(self, roll: float, sigma: float) -> None:
-        """Follow mean and variance of the roll, without what its own error adds."""
-        if not np.isfinite(roll):
+    def _follow(self, roll: float, sigma: float, still: bool) -> None:
+        """Follow the square of how far the roll is from that of the last rest."""
+        if not math.isfinite(roll):
             return
+        if still or math.isnan(self._roll_at_rest):
+            self._roll_at_rest = roll
+        fresh = max((roll - self._roll_at_rest) ** 2 - sigma * sigma, 0.0)
         gain = self._settings.tick_s / _ROUGHNESS_TIME_S
-        away = roll - self._roll_mean
-        self._roll_mean += gain * away
-        fresh = max(away * away - sigma * sigma, 0.0)
         self._roll_variance += gain * (fresh - self._roll_variance)
 
 

@@ -98,7 +98,8 @@ class MotionDetector:
             self._learn(level, bool(wheels_ok[i]), bool(standing[i]))
             quiet[i], moving[i] = self._judge(level)
             known = self._rest_m_s2 is not None
-            conflict = known and bool(moving[i]) and bool(standing[i])
+            shaken = level > self._settings.stuck_ratio * self.rest_m_s2
+            conflict = known and shaken and bool(standing[i])
             self._conflict_s = self._conflict_s + self._tick_s if conflict else 0.0
             stuck[i] = self._conflict_s > _STUCK_AFTER_S
             excess[i] = np.sqrt(max(level**2 - self.rest_m_s2**2, 0.0))
