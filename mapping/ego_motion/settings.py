@@ -132,11 +132,11 @@ class EgoMotionSettings:
     ground_walk_rad_per_sqrt_s: float = 0.002
     speed_sigma_m_s: float = 0.5
     still_speed_m_s: float = 0.01
-    still_ratio: float = 1.06
-    moving_ratio: float = 1.12
+    still_ratio: float = 1.04
+    moving_ratio: float = 1.08
     stuck_ratio: float = 1.5
     still_margin_s: float = 0.1
-    still_margin_alone_s: float = 0.4
+    still_margin_alone_s: float = 0.5
     quiet_m_s2: float = 0.15
     zero_speed_m_s: float = 0.002
     zero_speed_alone_m_s: float = 0.02
