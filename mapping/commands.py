@@ -228,21 +228,34 @@ def run_export(options: argparse.Namespace, console: Console) -> int:
 
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe evaluate`."""
-    parser.add_argument("map", type=Path)
-    judge = parser.add_mutually_exclusive_group(required=True)
+    from mapping.odometry_commands import add_comparison_arguments
+
+    parser.add_argument(
+        "subject", nargs="+", metavar="MAP | odometry EST TRUTH", help="a map, or two trajectories"
+    )
+    judge = parser.add_mutually_exclusive_group()
     judge.add_argument("--truth", type=Path, metavar="FILE.nc", help="true heights")
     judge.add_argument("--floor-height-m", type=float, metavar="M", help="height of a flat floor")
     parser.add_argument("--box", type=Path, metavar="FILE", help="a box that stands on the floor")
     parser.add_argument("--json", action="store_true")
+    add_comparison_arguments(parser)
 
 
 def run_evaluate(options: argparse.Namespace, console: Console) -> int:
-    """Compare a map with the truth or with a flat floor."""
+    """Compare a map with the truth or with a flat floor, or two trajectories."""
+    from mapping.errors import MappingError
     from mapping.judging.floor_evaluation import evaluate_floor, read_box
     from mapping.judging.truth import evaluate_truth, read_truth
+    from mapping.odometry_commands import compare_trajectories
     from mapping.output.map_file import read_map
 
-    map_ = read_map(options.map)
+    if options.subject[0] == "odometry":
+        return compare_trajectories(options, console)
+    if len(options.subject) != 1 or (options.truth is None and options.floor_height_m is None):
+        raise MappingError(
+            "give one map with --truth FILE.nc or --floor-height-m M, or odometry EST TRUTH"
+        )
+    map_ = read_map(Path(options.subject[0]))
     scores: Scores | FloorScores
     if options.truth:
         scores = evaluate_truth(map_, read_truth(options.truth))

@@ -26,6 +26,7 @@ from mapping.ego_motion.history import History, copied, empty_states
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.ego_motion.states import (
     COLUMNS,
+    FORCE_ERROR,
     GYRO_BIAS,
     PITCH_BIAS,
     PITCH_ERROR,
@@ -268,6 +269,7 @@ def _first_covariance(settings: EgoMotionSettings, start: Float64Array) -> Float
         PITCH_BIAS: settings.levelling_bias_rad,
         TRACK_ERROR: settings.track_sigma,
         VIBRATION_SCALE: settings.vibration_scale,
+        FORCE_ERROR: 1.0,
     }.items():
         p[state, state] = sigma**2
     return p
@@ -289,6 +291,7 @@ def filter_constants(settings: EgoMotionSettings) -> FilterConstants:
         turn_walk=turn_walk,
         turn_time_s=2.0 * settings.turn_sigma_rad_s**2 / turn_walk**2,
         gyro_bias_walk=settings.gyro_bias_walk_rad_s_per_sqrt_s,
+        force_walk=settings.gravity_m_s2 * settings.ground_walk_rad_per_sqrt_s,
         wheel_scale_walk=settings.wheel_scale_walk_per_sqrt_s,
         zero_speed_m_s=settings.zero_speed_m_s,
         zero_speed_alone_m_s=settings.zero_speed_alone_m_s,

@@ -25,6 +25,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mapping.ego_motion.states import (
+    FORCE_ERROR,
     GYRO,
     GYRO_BIAS,
     PITCH_BIAS,
@@ -70,6 +71,7 @@ class FilterConstants(NamedTuple):
     turn_time_s: float
     gyro_bias_walk: float
     wheel_scale_walk: float
+    force_walk: float
     zero_speed_m_s: float
     zero_speed_alone_m_s: float
     zero_rate_rad_s: float
@@ -206,7 +208,8 @@ def _move(
     x[Y] += v * cp * sy * dt
     x[Z] -= v * sp * dt
     x[YAW] += (held[3] * sr / cr + x[TURN] / cr) / cp * dt
-    x[SPEED] += held[7] * dt
+    x[SPEED] += (held[7] - x[FORCE_ERROR]) * dt if held[10] > 0.0 else held[7] * dt
+    a[3, 3] = dt if held[10] > 0.0 else 0.0  # of the speed, by the force at rest
     for i in range(SIZE):
         x[i] *= d[i]
     _row_steps(p, a, d)
@@ -241,6 +244,8 @@ def _noise(
         # otherwise every reading of the gyro would be as far from rest as a turning rover's.
         p[SPEED, SPEED] += c.zero_speed_m_s**2 / c.tick_s * dt
         p[TURN, TURN] += c.zero_rate_rad_s**2 / c.tick_s * dt
+    if held[10] > 0.0:
+        p[FORCE_ERROR, FORCE_ERROR] += c.force_walk * c.force_walk * dt
     p[GYRO_BIAS, GYRO_BIAS] += c.gyro_bias_walk * c.gyro_bias_walk * dt
     p[WHEEL_SCALE, WHEEL_SCALE] += c.wheel_scale_walk * c.wheel_scale_walk * dt
     p[SLIP, SLIP] += (1.0 - d[SLIP] * d[SLIP]) * c.slip * c.slip
@@ -262,7 +267,7 @@ def _row_steps(m: Float64Array, a: Float64Array, d: Float64Array) -> None:
             + a[3, 1] * (m[ROLL_ERROR, k] + m[ROLL_BIAS, k])
             + a[3, 2] * m[PITCH_ERROR, k]
         )
-        m[SPEED, k] *= d[SPEED]
+        m[SPEED, k] = (m[SPEED, k] - a[3, 3] * m[FORCE_ERROR, k]) * d[SPEED]
         m[TURN, k] *= d[TURN]
         m[SLIP, k] *= d[SLIP]
         m[ROLL_ERROR, k] *= d[ROLL_ERROR]
@@ -348,14 +353,21 @@ def _wheels(
 def _standstill(
     x: Float64Array, p: Float64Array, phi: Float64Array, held: Float64Array, c: FilterConstants
 ) -> None:
-    """Speed and turn are 0 while the rover stands; gated, for a detector may err."""
+    """Speed and turn are 0 while the rover stands; a turning rover does not stand."""
     if held[6] == 0.0:
         return
-    sigma = c.zero_speed_m_s if held[6] == 2.0 else c.zero_speed_alone_m_s
-    gate = c.gate_nis
-    _scalar(x, p, phi, SPEED, 1.0, -1, 0.0, -1, 0.0, -x[SPEED], sigma * sigma, gate)
+    # The next departure refers to this rest: an error of its own.
+    phi[FORCE_ERROR, :] = p[FORCE_ERROR, :] = p[:, FORCE_ERROR] = 0.0
+    x[FORCE_ERROR], p[FORCE_ERROR, FORCE_ERROR] = 0.0, held[10]
     variance = c.zero_rate_rad_s * c.zero_rate_rad_s
-    _scalar(x, p, phi, TURN, 1.0, -1, 0.0, -1, 0.0, -x[TURN], variance, gate)
+    outcome, _ = _scalar(
+        x, p, phi, TURN, 1.0, -1, 0.0, -1, 0.0, -x[TURN], variance, c.gate_nis
+    )  # fmt: skip
+    if outcome == LEFT_OUT:
+        held[6] = 0.0
+        return
+    sigma = c.zero_speed_m_s if held[6] == 2.0 else c.zero_speed_alone_m_s
+    _scalar(x, p, phi, SPEED, 1.0, -1, 0.0, -1, 0.0, -x[SPEED], sigma * sigma, np.inf)
 
 
 @njit(inline="always")

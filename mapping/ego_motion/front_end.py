@@ -25,7 +25,7 @@ from mapping.ego_motion.states import COLUMNS, GYRO, TICK, VIBRATION, WHEELS
 from mapping.ego_motion.watch import HealthWatch
 from mapping.geometry import Float64Array
 
-_LEVEL_HALF_S = 0.1
+_LEVEL_HALF_S = 0.2
 # So many ticks at a time: bounds the memory after a gap of hours.
 _MOST_TICKS = 500
 
@@ -56,14 +56,16 @@ class FrontEnd:
         self._half = round(settings.levelling_half_window_s / settings.tick_s)
         self._level_half = round(_LEVEL_HALF_S / settings.tick_s)
         self._margin = math.ceil(settings.still_margin_s / settings.tick_s)
-        self._reach = max(self._half, self._level_half + self._margin)
+        self._margin_alone = math.ceil(settings.still_margin_alone_s / settings.tick_s)
+        ahead = max(self._margin, self._margin_alone)
+        self._reach = max(self._half, self._level_half + ahead)
         self.force, self.gyro = SampleQueue(3), SampleQueue(1)
         self.wheels, self.vibration = SampleQueue(4), SampleQueue(2)
         self.watch = HealthWatch(settings)
         self._detector = MotionDetector(settings)
         self._ground = GroundWatch(settings)
         self._blocks: Blocks | None = None
-        self._found = nothing_known(2 * self._margin)
+        self._found = nothing_known(2 * ahead)
         self._last_tilt = np.zeros(2)
         self._next_block = self._next_tick = 0
 
@@ -195,17 +197,23 @@ class FrontEnd:
     def _motion(self, blocks: Blocks, size: int) -> tuple[Motionless, BoolArray]:
         """Return what the detector says, and standstill without its ends.
 
-        The detector runs ahead of the ticks by the margin, which the ends need.
+        The detector runs ahead of the ticks by the longer margin, which the ends need.
         """
+        widest = max(self._margin, self._margin_alone)
         rms = vibration_level(blocks, self._level_half)
-        ahead = slice(self._reach + self._margin, self._reach + self._margin + size)
+        ahead = slice(self._reach + widest, self._reach + widest + size)
         fresh = self._detector.add(rms[ahead], blocks.speed_m_s[ahead], blocks.wheels_ok[ahead])
-        found = self._found.part(slice(-2 * self._margin, None)).joined(fresh)
+        found = self._found.part(slice(-2 * widest, None)).joined(fresh)
         self._found = found
-        here = slice(self._reach - self._margin, ahead.stop)
-        quiet = found.quiet | ~np.isfinite(rms[here])
-        still = np.where(blocks.wheels_ok[here], found.standing & quiet, found.quiet)
-        return found.part(slice(self._margin, -self._margin)), without_ends(still, self._margin)
+        around = slice(self._reach - widest, ahead.stop)
+        wheels_ok = blocks.wheels_ok[around]
+        confirmed = wheels_ok & found.standing & (found.quiet | ~np.isfinite(rms[around]))
+        still = np.where(
+            wheels_ok[widest:-widest],
+            without_ends(confirmed, self._margin, widest),
+            without_ends(found.quiet, self._margin_alone, widest),
+        )
+        return found.part(slice(widest, -widest)), still
 
     def _tick_values(
         self, blocks: Blocks, levelled: Levelled, still: BoolArray, size: int
@@ -213,27 +221,28 @@ class FrontEnd:
         """Return the (size, COLUMNS) columns of `states.TICK`."""
         s = self._settings
         here = slice(self._reach, self._reach + size)
-        wheels_ok = blocks.wheels_ok[here]
-        ground = self._ground.add(
-            levelled.roll_rad, levelled.roll_sigma_rad, levelled.pitch_rad, still
+        wheels_ok, heard = blocks.wheels_ok[here], blocks.count[here] > 0
+        force = blocks.force_m_s2[here, 0]
+        noise = blocks.scatter_m2_s4[here] / 3.0 / np.maximum(blocks.count[here], 1)
+        guess = self._ground.add(
+            levelled.roll_rad, levelled.roll_sigma_rad, force, noise, still & heard
         )
-        share = np.where(wheels_ok | still, 0.0, ground.share)
-        pitch = (1.0 - share) * levelled.pitch_rad + share * ground.pitch_at_rest_rad
-        force = blocks.force_m_s2[here, 0] + s.gravity_m_s2 * np.sin(ground.pitch_at_rest_rad)
-        noise = blocks.scatter_m2_s4[here] / 3.0 / np.maximum(blocks.count[here], 1) * s.tick_s
+        guided = ~wheels_ok & ~still & heard & (guess.share > 0.0)
+        share = np.where(guided, guess.share, 0.0)
+        at_rest = -np.arcsin(np.clip(guess.rest_m_s2 / s.gravity_m_s2, -1.0, 1.0))
         walk = 2.0 * s.acceleration_time_s * s.acceleration_m_s2**2
-        guided = (share > 0.0) & (blocks.count[here] > 0)
-        shock = blocks.shock[here] * s.shock_speed_m_s**2 / s.tick_s
         values = np.zeros((size, COLUMNS))
         values[:, 0] = levelled.roll_rad
-        values[:, 1] = pitch
+        values[:, 1] = (1.0 - share) * levelled.pitch_rad + share * at_rest
         values[:, 2] = levelled.roll_rate_rad_s
         values[:, 3] = (1.0 - share) * levelled.pitch_rate_rad_s
         values[:, 4] = levelled.roll_sigma_rad**2
-        values[:, 5] = levelled.pitch_sigma_rad**2 + (share > 0.0) * ground.pitch_variance_rad2
+        values[:, 5] = levelled.pitch_sigma_rad**2 + guided * guess.pitch_variance_rad2
         values[:, 6] = np.where(still, np.where(wheels_ok, 2.0, 1.0), 0.0)
-        values[:, 7] = np.where(guided, share * force, 0.0)
-        values[:, 8] = np.where(guided, ground.walk_m2_s3 + noise, walk) + shock
+        values[:, 7] = share * (force - guess.rest_m_s2)
+        values[:, 8] = np.where(guided, guess.walk_m2_s3 + noise * s.tick_s, walk)
+        values[:, 8] += blocks.shock[here] * s.shock_speed_m_s**2 / s.tick_s
+        values[:, 10] = np.where(guided | still, guess.rest_variance_m2_s4, 0.0)
         return self._tilt_held(values)
 
     def _tilt_held(self, values: Float64Array) -> Float64Array:

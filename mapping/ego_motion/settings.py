@@ -65,12 +65,16 @@ class EgoMotionSettings:
         ground_tilt_rad: without wheels: sigma of the pitch's changes on ground that looks flat by
             the roll.
         ground_tilt_time_s: correlation time of such changes.
+        ground_walk_rad_per_sqrt_s: how fast the ground's slow pitch walks away from that of the
+            last rest.
         acceleration_time_s: its correlation time.
         speed_sigma_m_s: speeds to be expected of the vehicle.
         still_speed_m_s: wheels slower than this may stand.
         still_ratio, moving_ratio: vibration over its level at rest; quiet below the first,
             moving above the second.
-        still_margin_s: the first and last part of a quiet time that does not count.
+        stuck_ratio: above this, wheels that stand are not believed.
+        still_margin_s, still_margin_alone_s: the first and last part of a quiet time that does
+            not count, with wheels that confirm it and without.
         quiet_m_s2: vibration that counts as rest until rest has been seen.
         zero_speed_m_s, zero_speed_alone_m_s: sigma of the speed at standstill, with wheels that
             confirm it and without.
@@ -99,7 +103,7 @@ class EgoMotionSettings:
     use_external_poses: bool = False
     gravity_m_s2: float = 9.80665
     levelling_half_window_s: float = 0.4
-    levelling_sigma_ratio: float = 0.25
+    levelling_sigma_ratio: float = 0.3
     levelling_floor_rad: float = 0.0005
     levelling_bias_rad: float = 0.0021
     levelling_time_s: float = 0.3
@@ -110,14 +114,14 @@ class EgoMotionSettings:
     gyro_gap_s: float = 0.1
     turn_walk_rad_s2_per_sqrt_hz: float = 1.0
     turn_sigma_rad_s: float = 0.5
-    wheel_scale: float = 0.02
+    wheel_scale: float = 0.03
     wheel_scale_walk_per_sqrt_s: float = 0.0
-    slip: float = 0.03
+    slip: float = 0.06
     slip_time_s: float = 1.0
     slip_surprise: float = 0.5
-    lateral_slip_ratio: float = 0.03
+    lateral_slip_ratio: float = 0.06
     lateral_slip_time_s: float = 0.5
-    vertical_walk_ratio: float = 0.03
+    vertical_walk_ratio: float = 0.04
     track_sigma: float = 0.1
     wheel_yaw_correlation_s: float = 0.5
     wheels_gap_s: float = 0.15
@@ -125,15 +129,18 @@ class EgoMotionSettings:
     acceleration_time_s: float = 0.2
     ground_tilt_rad: float = 0.005
     ground_tilt_time_s: float = 0.5
+    ground_walk_rad_per_sqrt_s: float = 0.002
     speed_sigma_m_s: float = 0.5
     still_speed_m_s: float = 0.01
-    still_ratio: float = 1.25
-    moving_ratio: float = 1.5
+    still_ratio: float = 1.04
+    moving_ratio: float = 1.08
+    stuck_ratio: float = 1.5
     still_margin_s: float = 0.1
+    still_margin_alone_s: float = 0.5
     quiet_m_s2: float = 0.15
     zero_speed_m_s: float = 0.002
     zero_speed_alone_m_s: float = 0.02
-    zero_rate_rad_s: float = 0.0025
+    zero_rate_rad_s: float = 0.001
     vibration_speed_m_s: float = 0.12
     vibration_speed_time_s: float = 0.5
     vibration_scale: float = 0.3

@@ -98,7 +98,8 @@ class MotionDetector:
             self._learn(level, bool(wheels_ok[i]), bool(standing[i]))
             quiet[i], moving[i] = self._judge(level)
             known = self._rest_m_s2 is not None
-            conflict = known and bool(moving[i]) and bool(standing[i])
+            shaken = level > self._settings.stuck_ratio * self.rest_m_s2
+            conflict = known and shaken and bool(standing[i])
             self._conflict_s = self._conflict_s + self._tick_s if conflict else 0.0
             stuck[i] = self._conflict_s > _STUCK_AFTER_S
             excess[i] = np.sqrt(max(level**2 - self.rest_m_s2**2, 0.0))
@@ -133,12 +134,13 @@ class MotionDetector:
         return self._quiet, level > self._settings.moving_ratio * rest
 
 
-def without_ends(still: BoolArray, margin: int) -> BoolArray:
+def without_ends(still: BoolArray, margin: int, widest: int) -> BoolArray:
     """Return the ticks whose neighbours up to `margin` away are still as well.
 
     Args:
-        still: (N + 2 margin,).
-        margin: ticks on either side.
+        still: (N + 2 widest,).
+        margin: ticks on either side, up to `widest`.
+        widest: ticks that are there on either side of those to judge.
     """
-    windows = np.lib.stride_tricks.sliding_window_view(still, 2 * margin + 1)
-    return np.asarray(windows.all(axis=1))
+    windows = np.lib.stride_tricks.sliding_window_view(still, 2 * widest + 1)
+    return np.asarray(windows[:, widest - margin : widest + margin + 1].all(axis=1))

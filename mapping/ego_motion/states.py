@@ -16,8 +16,10 @@ vibration_scale            q of: speed told by the vibration = speed (1 + q)
 from __future__ import annotations
 
 X, Y, Z, YAW, SPEED, TURN, GYRO_BIAS, WHEEL_SCALE, SLIP = range(9)
-ROLL_ERROR, PITCH_ERROR, ROLL_BIAS, PITCH_BIAS, TRACK_ERROR, VIBRATION_SCALE = range(9, 15)
-SIZE = 15
+ROLL_ERROR, PITCH_ERROR, ROLL_BIAS, PITCH_BIAS, TRACK_ERROR, VIBRATION_SCALE, FORCE_ERROR = range(
+    9, 16
+)
+SIZE = 16
 
 # Kinds of the filter's input rows, in the order in which rows of one time are taken.
 GYRO, WHEELS, VIBRATION, POSE, TICK = range(5)
@@ -27,5 +29,6 @@ GYRO, WHEELS, VIBRATION, POSE, TICK = range(5)
 #   VIBRATION  speed, variance
 #   POSE       row of the table of poses
 #   TICK       roll, pitch, roll rate, pitch rate, roll variance, pitch variance, still (0, 1, 2),
-#              acceleration along x, its variance, 1 where the wheels' speed is to be believed
-COLUMNS = 10
+#              acceleration along x, walk of the speed (variance per second), seconds since the
+#              tick, variance of the force at rest (above 0: the acceleration is relative to it)
+COLUMNS = 11
