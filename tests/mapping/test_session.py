@@ -132,7 +132,7 @@ def test_the_map_says_how_it_was_made() -> None:
     result = _map({"mount_sigma_m": 0.004})
     attributes = result.map.attributes
     settings = asdict(result.settings)
-    for section in ("alignment", "gravity", "ego_motion"):
+    for section in ("alignment", "gravity", "aligned_errors", "ego_motion"):
         settings |= {f"{section}_{name}": value for name, value in settings.pop(section).items()}
     for name, value in settings.items():
         assert attributes[f"setting_{name}"] == value
