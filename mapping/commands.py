@@ -69,6 +69,7 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     add("--pose-gap-max-s", type=float, metavar="S", help="longest pose interpolation (0.2)")
     add("--pose-source", choices=get_args(PoseSourceName), help="where poses come from (mocap)")
     add("--tilt-source", choices=get_args(TiltSource), help="of ego-motion (levelled)")
+    add("--trajectory", type=Path, metavar="FILE", help="also write the poses: .mcap, .nc or TUM")
     add("--fill-gaps-up-to-m", type=float, metavar="M", help="fill gaps up to this long (none)")
     add("--figures", type=Path, metavar="DIR", help="also draw the figures")
     add("--json", action="store_true", help="print the result as JSON")
@@ -81,6 +82,7 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
     from mapping.ground.fill import fill_gaps, gap_cells
     from mapping.output.map_file import write_map
     from mapping.output.map_summary import summarise_run
+    from mapping.output.odometry_file import write_trajectory
     from mapping.session import map_stream
 
     map_options = _map_options(options)
@@ -88,6 +90,8 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
     if gap_m is not None:
         gap_cells(gap_m, map_options.settings.resolution_m)  # refuse it before the long work
     check_target(options.output)
+    if options.trajectory:
+        check_target(options.trajectory)
     with _byte_source(options) as source:
         prepare_kernels(console)
         reader = StreamReader(source, reorder_window_ns=round(options.reorder_window_s * 1e9))
@@ -96,6 +100,8 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
     if gap_m is not None:
         result = replace(result, map=fill_gaps(result.map, gap_m))
     write_map(result.map, options.output)
+    if options.trajectory:
+        write_trajectory(options.trajectory, result.poses, result.body_frame)
     if options.figures:
         _draw(result.map, options.figures, console)
     summary = summarise_run(result, str(options.output))

@@ -121,6 +121,11 @@ class Mapper:
         self._waiting: list[DepthFrame] = []
         self._reducer: FrameReducer | None = None
 
+    @property
+    def body_frame(self) -> str:
+        """Name of the frame whose poses the map is made with."""
+        return self._poses.body_frame
+
     def add(self, sample: Recordable) -> None:
         """Take the next sample of the stream, of whatever type.
 

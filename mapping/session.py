@@ -8,12 +8,14 @@ from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from acquisition.clocks.clock_sample import ClockSample
+from acquisition.messages.frames import MOCAP_BODY_FRAME
 from acquisition.stream.provenance import METADATA_NAME
 from acquisition.stream.read_report import ReadReport
 from acquisition.stream.reader import StreamMessage, StreamReader
 from mapping.calibration_file import parse_noise
 from mapping.cells.elevation_map import ElevationMap
 from mapping.errors import MappingError
+from mapping.geometry import UncertainPose
 from mapping.mapper import Mapper, MapperCounts
 from mapping.noise import KINECT_V1, DepthNoiseModel
 from mapping.settings import MapSettings
@@ -46,13 +48,21 @@ class MapOptions:
 
 @dataclass(frozen=True, slots=True)
 class MapResult:
-    """A map, what the reader found in the stream, and what became of it."""
+    """A map, what the reader found in the stream, and what became of it.
+
+    Attributes:
+        map, report, counts, settings, noise: as their names say.
+        poses: those that the depth frames were mapped from.
+        body_frame: the frame whose poses they are.
+    """
 
     map: ElevationMap
     report: ReadReport
     counts: MapperCounts
     settings: MapSettings
     noise: DepthNoiseModel
+    poses: tuple[UncertainPose, ...] = ()
+    body_frame: str = MOCAP_BODY_FRAME
 
 
 def map_stream(
@@ -67,17 +77,24 @@ def map_stream(
         StreamError: the stream cannot be read.
     """
     mapper: Mapper | None = None
+    poses: list[UncertainPose] = []
     for message in reader:
-        mapper = mapper or _mapper_for(options, reader.metadata)
+        mapper = mapper or _mapper_for(options, reader.metadata, poses.append)
         if not isinstance(message.sample, ClockSample):
             mapper.add(message.sample)
         progress(message)
-    mapper = mapper or _mapper_for(options, reader.metadata)
+    mapper = mapper or _mapper_for(options, reader.metadata, poses.append)
     mapper.finish()
     report = reader.report
     attributes = _attributes(mapper, report)
     return MapResult(
-        mapper.elevation_map(attributes), report, mapper.counts, mapper.settings, mapper.noise
+        map=mapper.elevation_map(attributes),
+        report=report,
+        counts=mapper.counts,
+        settings=mapper.settings,
+        noise=mapper.noise,
+        poses=tuple(poses),
+        body_frame=mapper.body_frame,
     )
 
 
@@ -97,7 +114,11 @@ def recorded_settings(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, An
     return settings
 
 
-def _mapper_for(options: MapOptions, metadata: Mapping[str, Mapping[str, str]]) -> Mapper:
+def _mapper_for(
+    options: MapOptions,
+    metadata: Mapping[str, Mapping[str, str]],
+    on_pose: Callable[[UncertainPose], None],
+) -> Mapper:
     """Return a mapper with the user's wishes over the recording's over the defaults."""
     recorded = recorded_settings(metadata)
     noise = options.noise
@@ -114,7 +135,7 @@ def _mapper_for(options: MapOptions, metadata: Mapping[str, Mapping[str, str]]) 
             options.settings.mount_sigma_rad,
         ),
     )
-    return Mapper(settings, noise or KINECT_V1)
+    return Mapper(settings, noise or KINECT_V1, on_pose=on_pose)
 
 
 def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:
