@@ -99,7 +99,7 @@ class AlignmentSection(_Strict):
     form: Literal["6-dof", "z-roll-pitch"] = "6-dof"
     floor_m: _Positive = 0.001
     floor_rad: _Positive = math.radians(0.1)
-    full_points: _Count = 1500
+    full_points: _Count = 700
     observable_m: _Positive = 0.006
     lever_m: _Positive = 1.5
     cells_per_independent: _Positive = 10.0

@@ -32,7 +32,8 @@ class AlignmentSettings:
         form: "6-dof", or "z-roll-pitch", which leaves x, y and yaw alone.
         floor_m, floor_rad: an alignment is never believed to be better than this, per frame of
             `full_points` points; with fewer the floors grow in proportion.
-        full_points: number of points (cells seen) of a frame whose view is full of ground.
+        full_points: number of points (cells seen) that a frame needs to be believed so far; a
+            view full of ground has 2000 to 3500 of 4 cm.
         observable_m: directions in which the points fix the pose no better than this (a rotation
             times `lever_m`) keep the prior.
         lever_m: distance at which rotations are compared with shifts.
@@ -50,7 +51,7 @@ class AlignmentSettings:
     form: AlignmentForm = "6-dof"
     floor_m: float = 0.001
     floor_rad: float = math.radians(0.1)
-    full_points: int = 1500
+    full_points: int = 700
     observable_m: float = 0.006
     lever_m: float = 1.5
     cells_per_independent: float = 10.0
