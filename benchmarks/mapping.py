@@ -1,10 +1,13 @@
-"""Speed of the mapping steps on one core, beside two yardsticks measured in the same run.
+"""Speed of the mapping steps on one core, beside yardsticks measured in the same run.
 
     python benchmarks/mapping.py [--frames N] [--json FILE]
 
-The scene is analytic terrain seen from 0.6 m height, 25 degrees down, while the camera turns.
-Time is CPU time of the thread, median over the frames. Yardsticks: a plain numpy version of the
-same measurement (float64, bincount), and copying the depth image in memory.
+The scene is analytic terrain seen from 0.6 m height, 25 degrees down, while the camera turns; the
+map is a window of 6 m around the rover, and every frame comes with a motion whose covariance grows
+that of the cells. Noise with incidence angle, transform, sums per cell, gate, update and motion are
+all in. Time is CPU time of the thread, median over the frames. Yardsticks: a plain numpy version
+of the measurement alone (float64, bincount), and the bytes that a frame must move at the speed at
+which this machine copies memory.
 """
 
 from __future__ import annotations
@@ -19,20 +22,27 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from drivers.samples import CameraIntrinsics
-from mapping.cells.grid import make_grid
+from mapping.cells.cell_layers import BYTES_PER_CELL, empty_layers
+from mapping.cells.elevation_map import read_out
+from mapping.cells.grid import CellWindow, make_grid
 from mapping.cells.update_constants import fusion_constants
 from mapping.cells.update_kernels import fuse
 from mapping.geometry import RigidTransform, UncertainPose
+from mapping.ground.fusion import fuse_map
 from mapping.kernel_cache import compile_kernels
 from mapping.measurement import FrameReducer, View
-from mapping.motion.ledger import at_rest
+from mapping.motion.ledger import MotionLedger
+from mapping.motion.pose_errors import RELATIVE
+from mapping.motion.read_out import Rover, place_errors
+from mapping.motion.relative import RelativeMotion
 from mapping.noise import NGUYEN_2012
 from mapping.settings import MapSettings
 from simulation.devices.ideal_camera import noisy_depth_mm, trace
@@ -41,24 +51,38 @@ from simulation.terrain.analytic import crater_field
 Float64Array = NDArray[np.float64]
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _VIEWS = 8
+_CELLS = 300
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of the table; times in ms per frame, shares of the frame's time."""
+    """One line of the table; times in ms per frame, ns per touched cell or point."""
 
     image: str
     cell_m: float
+    window_m: float
+    copies: int
     valid_points: int
+    touched_cells: int
     frame_ms: float
     mpoint_s: float
-    load_share: float
-    reduce_share: float
-    update_share: float
-    other_share: float
-    numpy_ms: float
+    load_ns_point: float
+    reduce_ns_point: float
+    update_ns_cell: float
+    other_ms: float
+    layers_mb: float
+    moved_mb: float
+    roofline_share: float
     times_numpy: float
-    copy_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class WholeMap:
+    """Steps over a whole map of 300 x 300 cells, in ms, and million cells a second."""
+
+    step: str
+    ms: float
+    mcell_s: float
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -68,14 +92,33 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--json", type=Path, metavar="FILE")
     options = parser.parse_args(arguments)
     compile_kernels()
-    rows = [
-        measure(camera, cell_m, options.frames)
-        for camera in (_camera(320), _camera(640))
-        for cell_m in (0.02, 0.05)
+    copy_gb_s = _copy_gb_s()
+    cases = [
+        *((width, cell_m, 6.0) for width in (160, 320, 640) for cell_m in (0.02, 0.05)),
+        (640, 0.02, 3.0),
+        (640, 0.02, 9.0),
     ]
-    _print(rows)
+    rows = [measure(*case, options.frames, copy_gb_s) for case in cases]
+    with ProcessPoolExecutor(2) as pool:
+        again = [pool.submit(measure, 640, 0.02, 6.0, options.frames, copy_gb_s) for _ in "ab"]
+        both = [task.result() for task in again]
+    rows.append(replace(both[0], copies=2, mpoint_s=sum(row.mpoint_s for row in both)))
+    whole = whole_map()
+    _print(rows, whole, copy_gb_s)
     if options.json:
-        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=2) + "\n")
+        content = {
+            "copy_gb_s": copy_gb_s,
+            "frames": [asdict(row) for row in rows],
+            "whole_map": [asdict(step) for step in whole],
+        }
+        options.json.write_text(json.dumps(content, indent=2) + "\n")
+
+
+def _copy_gb_s() -> float:
+    """Return how many bytes a second are read and written together when memory is copied."""
+    source, target = np.ones(2**25), np.empty(2**25)
+    seconds = _median_s(lambda _: np.copyto(target, source), 5)
+    return 2.0 * source.nbytes / seconds / 1e9
 
 
 def _camera(width: int) -> CameraIntrinsics:
@@ -118,59 +161,109 @@ class _Clock:
         self._last = now
 
 
-def measure(camera: CameraIntrinsics, cell_m: float, frames: int) -> Row:
+def measure(width: int, cell_m: float, window_m: float, frames: int, copy_gb_s: float) -> Row:
     """Return the times of mapping `frames` frames of that size into cells of that size."""
-    settings = MapSettings(resolution_m=cell_m)
+    camera = _camera(width)
+    settings = MapSettings(resolution_m=cell_m, grid="scrolling", window_m=window_m)
     reducer = FrameReducer(camera, NGUYEN_2012, settings)
     grid = make_grid(settings)
     fusion = fusion_constants(settings)
-    motions = at_rest()
+    ledger = MotionLedger(with_covariance=True)
     images = _images(camera)
     laps: list[dict[str, float]] = []
-    points: list[int] = []
+    numbers: list[tuple[int, int, int]] = []
     for index in range(frames + _VIEWS):
         view = _view(index)
         clock = _Clock()
-        points.append(reducer.load(images[index % _VIEWS]))
+        points = reducer.load(images[index % _VIEWS])
         clock.lap("load")
+        ledger.add(_motion(index))
         window = grid.prepare(reducer.footprint(view), 2.0, 0.0)
         clock.lap("other")
         sums, _ = reducer.reduce(view, window)
         clock.lap("reduce")
         constants = reducer.frame_constants(view, window, grid.position(window))
         clock.lap("other")
-        fuse(sums, constants, fusion, grid.layers, motions)
+        counts = fuse(sums, constants, fusion, grid.layers, ledger.motions)
         clock.lap("update")
         laps.append(clock.laps)
-    return _row(camera, cell_m, laps[_VIEWS:], points[_VIEWS:], images)
+        numbers.append((points, counts.cells, window.cells_x * window.cells_y))
+    numpy_s = _median_s(lambda i: _numpy_frame(images[i % _VIEWS], camera, cell_m, _view(i)), 5)
+    layers_mb = sum(layer.nbytes for layer in grid.layers) / 1e6
+    return _row(
+        (width, cell_m, window_m),
+        laps[_VIEWS:],
+        np.array(numbers[_VIEWS:]),
+        (copy_gb_s, numpy_s, layers_mb),
+    )
+
+
+def _motion(index: int) -> RelativeMotion:
+    covariance = np.diag([1e-8, 1e-8, 1e-8, 1e-8])
+    return RelativeMotion(index, np.array([2.0, 0.0, 0.6]), 0.35 * index, covariance, 0.001)
 
 
 def _row(
-    camera: CameraIntrinsics,
-    cell_m: float,
+    case: tuple[int, float, float],
     laps: list[dict[str, float]],
-    points: list[int],
-    images: list[NDArray[np.uint16]],
+    numbers: NDArray[np.int64],
+    yardsticks: tuple[float, float, float],
 ) -> Row:
     totals = np.array([sum(lap.values()) for lap in laps])
-    frame_s = float(np.median(totals))
-    shares = {name: float(np.median([lap[name] for lap in laps])) / frame_s for name in laps[0]}
-    numpy_s = _median_s(lambda i: _numpy_frame(images[i % _VIEWS], camera, cell_m, _view(i)), 5)
-    copy_s = _median_s(lambda i: images[i % _VIEWS].copy(), 50)
+    points, cells, window = numbers.T
+    seconds = {name: np.array([lap[name] for lap in laps]) for name in laps[0]}
+    width, cell_m, window_m = case
+    copy_gb_s, numpy_s, layers_mb = yardsticks
+    pixels = width * width * 3 // 4
+    # Depth in, metres out and in again; sums looked at, and of touched cells added to, read and
+    # cleared; layers of touched cells read and written.
+    moved = 10 * pixels + 32 * window + (4 * 32 + 2 * BYTES_PER_CELL) * cells
     return Row(
-        image=f"{camera.width_px}x{camera.height_px}",
+        image=f"{width}x{width * 3 // 4}",
         cell_m=cell_m,
+        window_m=window_m,
+        copies=1,
         valid_points=int(np.median(points)),
-        frame_ms=1e3 * frame_s,
-        mpoint_s=float(np.median(np.array(points) / totals)) / 1e6,
-        load_share=shares["load"],
-        reduce_share=shares["reduce"],
-        update_share=shares["update"],
-        other_share=shares["other"],
-        numpy_ms=1e3 * numpy_s,
-        times_numpy=numpy_s / frame_s,
-        copy_ms=1e3 * copy_s,
+        touched_cells=int(np.median(cells)),
+        frame_ms=1e3 * float(np.median(totals)),
+        mpoint_s=float(np.median(points / totals)) / 1e6,
+        load_ns_point=1e9 * float(np.median(seconds["load"] / points)),
+        reduce_ns_point=1e9 * float(np.median(seconds["reduce"] / points)),
+        update_ns_cell=1e9 * float(np.median(seconds["update"] / cells)),
+        other_ms=1e3 * float(np.median(seconds["other"])),
+        layers_mb=layers_mb,
+        moved_mb=float(np.median(moved)) / 1e6,
+        roofline_share=float(np.median(moved / totals)) / (1e9 * copy_gb_s),
+        times_numpy=numpy_s / float(np.median(totals)),
     )
+
+
+def whole_map() -> list[WholeMap]:
+    """Return the times of the steps that look at every cell of a map, motions included."""
+    random = np.random.default_rng(1)
+    layers = empty_layers(_CELLS, _CELLS)
+    layers.motion[:] = random.integers(0, 300, layers.motion.shape)
+    ledger = MotionLedger(with_covariance=True)
+    for index in range(300):
+        ledger.add(_motion(index))
+    centres_m: Float64Array = (np.arange(_CELLS, dtype=np.float64) - 149.5) * 0.02
+    rover = Rover(0.0, 0.0, ledger.motions, RELATIVE)
+    heights = 0.1 * np.sin(3.0 * centres_m) * np.cos(2.0 * centres_m[:, np.newaxis])
+    layers.elevation_m[:] = heights
+    layers.variance_m2[:] = 1e-6
+    layers.frames[:] = layers.pixels[:] = 9
+    grid = make_grid(MapSettings(resolution_m=0.02, grid="scrolling"))
+    grid.prepare(CellWindow(0, 0, 1, 1), 0.0, 0.0)
+    for name, layer in layers._asdict().items():
+        getattr(grid.layers, name)[:] = layer
+    map_ = read_out(grid, MapSettings(resolution_m=0.02), {}, rover)
+    steps: dict[str, Callable[[int], object]] = {
+        "motion, O(1)": lambda i: ledger.add(_motion(i)),
+        "motion, read out": lambda _: place_errors(layers, centres_m, centres_m, rover),
+        "fused map": lambda _: fuse_map(map_),
+    }
+    times = {name: _median_s(step, 15) for name, step in steps.items()}
+    return [WholeMap(name, 1e3 * s, _CELLS**2 / s / 1e6) for name, s in times.items()]
 
 
 def _median_s(work: Callable[[int], object], repeats: int) -> float:
@@ -211,19 +304,28 @@ def _numpy_frame(
     return np.stack([np.bincount(index, w) for w in (weight, weight * height, weight * height**2)])
 
 
-def _print(rows: list[Row]) -> None:
+def _print(rows: list[Row], whole: list[WholeMap], copy_gb_s: float) -> None:
     print(
-        f"{'image':>8} {'cell':>6} {'valid':>7} {'ms/frame':>9} {'Mpoint/s':>9} "
-        f"{'load':>6} {'reduce':>7} {'update':>7} {'other':>6} {'numpy ms':>9} {'faster':>7} "
-        f"{'copy ms':>8}"
+        f"{'image':>8} {'cell':>6} {'map':>5} {'run':>4} {'valid':>7} {'touched':>8} "
+        f"{'ms':>6} {'Mpoint/s':>9} {'load':>6} {'reduce':>7} {'update':>7} {'other':>6} "
+        f"{'layers':>7} {'moved':>7} {'roofline':>9} {'numpy':>6}"
+    )
+    print(
+        f"{'':>49}{'':>8} {'':>9} {'ns/px':>5} {'ns/px':>7} {'ns/cell':>7} {'ms':>6} {'MB':>7} "
+        f"{'MB':>7} {'':>9} {'':>6}"
     )
     for r in rows:
         print(
-            f"{r.image:>8} {r.cell_m:>5.2f}m {r.valid_points:>7} {r.frame_ms:>9.2f} "
-            f"{r.mpoint_s:>9.1f} {r.load_share:>6.0%} {r.reduce_share:>7.0%} "
-            f"{r.update_share:>7.0%} {r.other_share:>6.0%} {r.numpy_ms:>9.1f} "
-            f"{r.times_numpy:>6.0f}x {r.copy_ms:>8.3f}"
+            f"{r.image:>8} {r.cell_m:>5.2f}m {r.window_m:>4.0f}m {r.copies:>3}x "
+            f"{r.valid_points:>7} {r.touched_cells:>8} {r.frame_ms:>6.2f} {r.mpoint_s:>9.1f} "
+            f"{r.load_ns_point:>6.2f} {r.reduce_ns_point:>7.2f} {r.update_ns_cell:>7.1f} "
+            f"{r.other_ms:>6.3f} {r.layers_mb:>7.1f} {r.moved_mb:>7.2f} "
+            f"{r.roofline_share:>9.0%} {r.times_numpy:>5.0f}x"
         )
+    print(f"roofline: {copy_gb_s:.1f} GB/s, read and written together, when memory is copied")
+    print(f"a cell takes {BYTES_PER_CELL} bytes, a motion 64")
+    for step in whole:
+        print(f"{step.step:<17} {step.ms:>8.3f} ms {step.mcell_s:>12.1f} Mcell/s")
 
 
 if __name__ == "__main__":

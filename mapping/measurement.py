@@ -8,6 +8,7 @@ var(h) = J_S Sigma_S J_S' (per pixel: axial along the ray, lateral across it)
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,6 +78,9 @@ class FrameReducer:
         self._decimation = SENSOR_WIDTH_PX / camera.width_px
         self._baseline_px = max(1, round(_GRADIENT_HALF_ANGLE_RAD * camera.fx_px))
         self._ray_x, self._ray_y = _rays(camera)
+        x, y = self._ray_x[[0, -1]], self._ray_y[[0, -1]]
+        corners = [(0.0, 0.0, 0.0), *((a, b, 1.0) for a in x for b in y)]
+        self._corners_m = np.array(corners) * noise.range_max_m
         margin = 2 * self._baseline_px
         self._z_m = np.zeros((camera.height_px + margin, camera.width_px + margin), np.float32)
         self._sums = np.zeros((0, 4))
@@ -103,14 +107,10 @@ class FrameReducer:
         range; the box around its five corners therefore holds them all. One cell more on every
         side, because the kernel's float32 may round a reading on the border outwards.
         """
-        x, y = self._ray_x[[0, -1]], self._ray_y[[0, -1]]
-        corners = [(0.0, 0.0, 0.0), *((a, b, 1.0) for a in x for b in y)]
-        reach = self._noise.range_max_m
-        points = view.T_terrain_sensor.apply(np.array(corners) * reach)[:, :2]
-        low = np.floor(points.min(axis=0) / self._settings.resolution_m).astype(int)
-        high = np.floor(points.max(axis=0) / self._settings.resolution_m).astype(int)
-        size = high - low + 3
-        return CellWindow(int(low[0]) - 1, int(low[1]) - 1, int(size[0]), int(size[1]))
+        points = view.T_terrain_sensor.apply(self._corners_m)[:, :2] / self._settings.resolution_m
+        low_x, low_y = (math.floor(value) for value in points.min(axis=0))
+        high_x, high_y = (math.floor(value) for value in points.max(axis=0))
+        return CellWindow(low_x - 1, low_y - 1, high_x - low_x + 3, high_y - low_y + 3)
 
     def load(self, depth_mm: NDArray[np.uint16]) -> int:
         """Take a depth image (height, width) in millimetres; return its valid readings.

@@ -9,14 +9,20 @@ kernel, not in what it calls.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from mapping.cells.cell_layers import CellLayers
 from mapping.cells.update_constants import FrameConstants, FusionConstants
+from mapping.cells.update_types import (
+    Known,
+    Measurement,
+    Sums,
+    Systematic,
+    UpdateCounts,
+    Updated,
+)
 from mapping.motion.ledger import Motions
 
 Float64Array = NDArray[np.float64]
@@ -31,72 +37,6 @@ _HEIGHT, _VARIANCE, _A, _B, _C, _BIAS, _RELIEF, _SEEN_PIXELS, _FRAMES, _SINCE = 
 )
 _XX, _XY, _YY, _STALE, _ACCEPTED = range(16 * _BLOCK, 21 * _BLOCK, _BLOCK)
 _SIZE = 21 * _BLOCK
-
-
-class Systematic(NamedTuple):
-    """Height change in metres for one sigma of each constant error; see `CellLayers`."""
-
-    a_m: float
-    b_m: float
-    c_m: float
-    bias_m: float
-
-
-class Measurement(NamedTuple):
-    """One frame's word on one cell.
-
-    height_m in T; own_m2: variance from pixel noise and from sampling the surface inside the
-    cell; common_m2: from the frame's pose; systematic: see `CellLayers`; relief_m2: spread of the
-    surface inside the cell.
-    """
-
-    height_m: float
-    own_m2: float
-    common_m2: float
-    systematic: Systematic
-    relief_m2: float
-    pixels: float
-
-
-class Sums(NamedTuple):
-    """One frame's sums over one cell, and the cell's middle relative to the camera."""
-
-    weight: float
-    weight_height: float
-    weight_height2: float
-    pixels: float
-    x_m: float
-    y_m: float
-
-
-class Known(NamedTuple):
-    """What the map knows of one cell; see `CellLayers`. since_ns: time since its last update."""
-
-    height_m: float
-    variance_m2: float
-    systematic: Systematic
-    relief_m2: float
-    pixels: float
-    frames: float
-    since_ns: float
-
-
-class Updated(NamedTuple):
-    """A cell after a measurement; `rest` is the share of what was known before."""
-
-    height_m: float
-    variance_m2: float
-    systematic: Systematic
-    relief_m2: float
-    rest: float
-
-
-class UpdateCounts(NamedTuple):
-    """What happened to the cells of one frame."""
-
-    cells: int
-    rejected: int
-    replaced: int
 
 
 @njit(inline="always")
@@ -234,7 +174,11 @@ def _challenge(
 
 @njit(inline="always")
 def _agrees(known: Known, m: Measurement, f: FusionConstants) -> bool:
-    """Gate: squared innovation against the variance of both sides, all in m^2."""
+    """Gate: squared innovation against the variance of both sides, all in m^2.
+
+    The constant errors count with |s|^2 + |m|^2 although both sides share them and the innovation's
+    part is |s - m|^2: real frames of a moving camera differ by more than the model knows of.
+    """
     innovation = m.height_m - known.height_m
     variance = known.variance_m2 + m.own_m2 + m.common_m2
     variance += _dot(known.systematic, known.systematic) + _dot(m.systematic, m.systematic)
@@ -418,24 +362,27 @@ def _catch_up(
     """
     to_anchor_x_m = c.camera_x_m - motions.anchor_x_m
     to_anchor_y_m = c.camera_y_m - motions.anchor_y_m
-    gained = np.zeros(8)
+    now = motions.sums[motions.now]
     learned = np.uint32(motions.now)
+    xx, xy, yy, along_x, along_y, yaw, zz, way = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(places.shape[0]):
         p = np.uint64(places[n])
         # Neighbours were mostly seen together, and share what they have missed.
         if layers.motion[p] != learned:
             learned = layers.motion[p]
-            for k in range(8):
-                gained[k] = motions.sums[motions.now, k] - motions.sums[learned, k]
+            then = motions.sums[learned]
+            xx, xy, yy = now[0] - then[0], now[1] - then[1], now[2] - then[2]
+            along_x, along_y, yaw = now[3] - then[3], now[4] - then[4], now[5] - then[5]
+            zz, way = now[6] - then[6], now[7] - then[7]
         x, y = b[_X + n] + to_anchor_x_m, b[_Y + n] + to_anchor_y_m
-        xx = gained[0] - 2.0 * y * gained[3] + y * y * gained[5]
-        xy = gained[1] + x * gained[3] - y * gained[4] - x * y * gained[5]
-        yy = gained[2] + 2.0 * x * gained[4] + x * x * gained[5]
-        b[_XX + n] = layers.horizontal_xx_m2[p] + max(xx, 0.0)
-        b[_XY + n] = layers.horizontal_xy_m2[p] + xy
-        b[_YY + n] = layers.horizontal_yy_m2[p] + max(yy, 0.0)
-        b[_VARIANCE + n] += gained[6]
-        b[_STALE + n] = layers.stale_m[p] + gained[7]
+        gained_xx = xx - 2.0 * y * along_x + y * y * yaw
+        gained_xy = xy + x * along_x - y * along_y - x * y * yaw
+        gained_yy = yy + 2.0 * x * along_y + x * x * yaw
+        b[_XX + n] = layers.horizontal_xx_m2[p] + max(gained_xx, 0.0)
+        b[_XY + n] = layers.horizontal_xy_m2[p] + gained_xy
+        b[_YY + n] = layers.horizontal_yy_m2[p] + max(gained_yy, 0.0)
+        b[_VARIANCE + n] += zz
+        b[_STALE + n] = layers.stale_m[p] + way
 
 
 @njit(cache=True, error_model="numpy")

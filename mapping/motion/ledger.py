@@ -9,13 +9,14 @@ is exact, takes O(1) for every motion, and no sweep over the map.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping.errors import MappingError
-from mapping.motion.relative import RelativeMotion, clip_to_psd, in_terrain_axes
+from mapping.motion.relative import RelativeMotion, clip_to_psd, to_terrain_axes
 
 Float64Array = NDArray[np.float64]
 
@@ -23,7 +24,8 @@ Float64Array = NDArray[np.float64]
 SUM_XX, SUM_XY, SUM_YY, SUM_XYAW, SUM_YYAW, SUM_YAW, SUM_ZZ, SUM_M = range(8)
 
 _FIRST_ROWS = 1024
-_HORIZONTAL = np.ix_((0, 1, 3), (0, 1, 3))
+# Rows and columns of the first seven sums in a covariance of (x, y, z, yaw).
+_ENTRIES = (np.array([0, 0, 1, 0, 1, 3, 2]), np.array([0, 1, 1, 3, 3, 3, 2]))
 
 
 class Motions(NamedTuple):
@@ -68,20 +70,16 @@ class MotionLedger:
             MappingError: a number is not finite, or the way is negative.
         """
         _check(motion)
-        anchor_x, anchor_y = self._anchor = self._anchor or (
-            float(motion.position_m[0]),
-            float(motion.position_m[1]),
-        )
+        x, y = float(motion.position_m[0]), float(motion.position_m[1])
+        anchor_x, anchor_y = self._anchor = self._anchor or (x, y)
         sums = np.zeros(8)
         sums[SUM_M] = motion.distance_m
         if self._with_covariance:
-            covariance, was_clipped = clip_to_psd(in_terrain_axes(motion))
+            covariance, was_clipped = clip_to_psd(motion.covariance)
             self.clipped += was_clipped
-            x, y = motion.position_m[0] - anchor_x, motion.position_m[1] - anchor_y
-            about_anchor = np.array([[1.0, 0.0, y], [0.0, 1.0, -x], [0.0, 0.0, 1.0]])
-            planar = about_anchor @ covariance[_HORIZONTAL] @ about_anchor.T
-            sums[:SUM_ZZ] = planar[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
-            sums[SUM_ZZ] = covariance[2, 2]
+            to_anchor = to_terrain_axes(motion.yaw_rad)
+            to_anchor[:2, 3] = y - anchor_y, anchor_x - x
+            sums[:SUM_M] = (to_anchor @ covariance @ to_anchor.T)[_ENTRIES]
         if sums.any():
             self._append(self._sums[self._now] + sums)
 
@@ -93,8 +91,9 @@ class MotionLedger:
 
 
 def _check(motion: RelativeMotion) -> None:
-    finite = np.isfinite(motion.position_m).all() and np.isfinite(motion.covariance).all()
-    if not (finite and np.isfinite(motion.yaw_rad) and 0.0 <= motion.distance_m < np.inf):
+    # A sum is finite only where all of its terms are.
+    total = float(motion.covariance.sum() + motion.position_m.sum()) + motion.yaw_rad
+    if not (math.isfinite(total) and 0.0 <= motion.distance_m < math.inf):
         raise MappingError(
             f"motion that ends at {motion.t_ns} ns has a number that is not finite, or a negative "
             "way; expected metres, radians and a covariance"

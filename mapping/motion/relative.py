@@ -66,7 +66,7 @@ def relative_covariance(
     """
     forward = np.eye(4)
     forward[:2, 3] = -displacement_m[1], displacement_m[0]
-    to_body = _heading(yaw_rad).T
+    to_body = to_terrain_axes(yaw_rad).T
     return clip_to_psd(to_body @ (after - forward @ before @ forward.T) @ to_body.T)
 
 
@@ -77,13 +77,6 @@ def clip_to_psd(matrix: Float64Array) -> Clipped:
     if values[0] >= -_ROUNDING * abs(values[-1]):
         return Clipped(symmetric, was_clipped=False)
     return Clipped((vectors * np.maximum(values, 0.0)) @ vectors.T, was_clipped=True)
-
-
-def in_terrain_axes(motion: RelativeMotion) -> Float64Array:
-    """Return a motion's (4, 4) covariance in axes of T: G Sigma G'."""
-    to_terrain = _heading(motion.yaw_rad)
-    turned: Float64Array = to_terrain @ motion.covariance @ to_terrain.T
-    return turned
 
 
 def yaw_of(transform: RigidTransform) -> float:
@@ -108,9 +101,14 @@ def upright_covariance(pose: UncertainPose) -> Float64Array:
     return reduced
 
 
-def _heading(yaw_rad: float) -> Float64Array:
-    """Return G: (x, y, z, yaw) of R~ to T."""
-    turn = np.eye(4)
+def to_terrain_axes(yaw_rad: float) -> Float64Array:
+    """Return G (4, 4): errors of (x, y, z, yaw) in R~ to those in axes of T."""
     cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)
-    turn[:2, :2] = (cosine, -sine), (sine, cosine)
-    return turn
+    return np.array(
+        [
+            [cosine, -sine, 0.0, 0.0],
+            [sine, cosine, 0.0, 0.0],
+            [0.0, 0.0, 1.0, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from mapping.cells.cell_layers import empty_layers
 from mapping.cells.update_constants import FrameConstants, fusion_constants
-from mapping.cells.update_kernels import UpdateCounts, fuse
+from mapping.cells.update_kernels import fuse
+from mapping.cells.update_types import UpdateCounts
 from mapping.motion.ledger import Motions, at_rest
 from mapping.settings import MapSettings
 
