@@ -6,22 +6,24 @@ Only sensor time enters. Live and offline differ in where the samples come from,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-
-import numpy as np
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from acquisition.messages.codec import Recordable
-from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, StaticTransforms
+from acquisition.messages.frames import BASE_FRAME, DEPTH_OPTICAL_FRAME, StaticTransforms
 from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
 from mapping.alignment.localiser import Localiser
 from mapping.cells.elevation_map import ElevationMap, read_out
-from mapping.cells.grid import make_grid
-from mapping.cells.update_constants import fusion_constants
+from mapping.cells.grid import Grid, make_grid
+from mapping.cells.update_constants import FrameConstants, fusion_constants
 from mapping.cells.update_kernels import fuse
+from mapping.change.overhang import drop_overhangs
+from mapping.change.own_body import drop_own_body
+from mapping.change.visibility import clear_seen_through, sight_of
 from mapping.errors import MappingError
-from mapping.geometry import Float64Array, RigidTransform, UncertainPose
-from mapping.measurement import FrameReducer, View
+from mapping.geometry import UncertainPose
+from mapping.mapper_counts import MapperCounts as MapperCounts
+from mapping.measurement import Float64Array, FrameReducer, View
 from mapping.motion.ledger import MotionLedger
 from mapping.motion.pose_errors import PoseErrorModel
 from mapping.motion.read_out import Rover
@@ -29,49 +31,12 @@ from mapping.motion.relative import RelativeMotion
 from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
 from mapping.poses.choice import is_aligned, pose_errors_for, pose_source_for
+from mapping.poses.frame_covariance import frame_covariance
 from mapping.poses.motion import MotionTracker
 from mapping.settings import MapSettings
 
 # A depth frame waits this long, in stream time, for its pose to be known.
 _POSE_WAIT_NS = 2_000_000_000
-
-
-@dataclass(slots=True)
-class MapperCounts:
-    """What became of the input.
-
-    Attributes:
-        frames: depth frames mapped.
-        frames_without_pose: depth frames left out because no pose surrounds their time.
-        poses, poses_out_of_order: poses taken; poses left out because they came out of order.
-        readings: valid depth readings of the mapped frames.
-        readings_outside: readings of them that fell outside the grid.
-        updates: cell updates. rejected: those that went to a second hypothesis. replaced: second
-            hypotheses that took over.
-        motions: relative motions taken. motions_clipped: those whose covariance had a negative
-            eigenvalue.
-        pose_events: things that estimated poses suffered from.
-        aligned, unaligned, misfits, slid: frames whose pose the map corrected; to which it had
-            nothing to say; which fitted it nowhere and were not mapped; at which the map's idea
-            of gravity was found wrong.
-    """
-
-    frames: int = 0
-    frames_without_pose: int = 0
-    poses: int = 0
-    poses_out_of_order: int = 0
-    readings: int = 0
-    readings_outside: int = 0
-    updates: int = 0
-    rejected: int = 0
-    replaced: int = 0
-    motions: int = 0
-    motions_clipped: int = 0
-    pose_events: int = 0
-    aligned: int = 0
-    unaligned: int = 0
-    misfits: int = 0
-    slid: int = 0
 
 
 class Mapper:
@@ -81,15 +46,17 @@ class Mapper:
         self,
         settings: MapSettings,
         noise: DepthNoiseModel,
+        grid: Grid | None = None,
         pose_errors: PoseErrorModel | None = None,
         *,
         on_pose: Callable[[UncertainPose], None] = lambda _: None,
     ) -> None:
-        """Start with an empty map.
+        """Start with an empty map, or with a grid that knows cells already.
 
         Args:
             settings: of the map and its poses.
             noise: of the depth sensor.
+            grid: where the cells live; None = as the settings want.
             pose_errors: where the poses' errors are counted; None = as suits their source.
             on_pose: told the pose of every frame that is mapped.
 
@@ -103,7 +70,7 @@ class Mapper:
         self._on_pose = on_pose
         self._ledger = MotionLedger(with_covariance=self.pose_errors.motion_covariance)
         self._rover_m = (0.0, 0.0)
-        self._grid = make_grid(settings)
+        self._grid = grid or make_grid(settings)
         self._fusion = fusion_constants(settings)
         self._poses = pose_source_for(settings)
         absolute = settings.pose_source == "mocap"
@@ -161,7 +128,11 @@ class Mapper:
         self.counts.motions_clipped = self._ledger.clipped
 
     def finish(self) -> None:
-        """Map the frames that can be mapped and count the rest; the stream is over."""
+        """Map the frames that can be mapped and count the rest; the stream is over.
+
+        Raises:
+            MappingError: as `add`, or the grid cannot be saved.
+        """
         self._poses.finish()
         waiting, self._waiting = self._waiting, []
         for frame in waiting:
@@ -170,6 +141,7 @@ class Mapper:
         if latest is not None:
             self._follow(latest)
         self._count_poses()
+        self._grid.save()
 
     def elevation_map(self, attributes: dict[str, str | int | float] | None = None) -> ElevationMap:
         """Return the map as it is now.
@@ -179,12 +151,20 @@ class Mapper:
         """
         if self.counts.frames == 0:
             raise MappingError(self._why_nothing())
+        return self.read_map(attributes or {})
+
+    def read_map(self, attributes: Mapping[str, str | int | float]) -> ElevationMap:
+        """Return the map as it is now, however few frames it has seen.
+
+        Raises:
+            MappingError: no reading has reached the map.
+        """
         errors = self.pose_errors
         if self._localiser is not None and self._localiser.slid_rad > 0.0:
             tilt_rad = math.hypot(errors.gravity_sigma_rad, self._localiser.slid_rad)
             errors = replace(errors, gravity_sigma_rad=tilt_rad)
         rover = Rover(*self._rover_m, self._ledger.motions, errors)
-        return read_out(self._grid, self.settings, attributes or {}, rover)
+        return read_out(self._grid, self.settings, attributes, rover)
 
     def _map_ready_frames(self, now_ns: int) -> None:
         """Map waiting frames whose pose is final, or that have waited long enough.
@@ -206,17 +186,30 @@ class Mapper:
             self._map(frame, pose)
 
     def _map(self, frame: DepthFrame, prior: UncertainPose) -> None:
-        """One depth frame's walk: readings, pose, motion, sums per cell, update."""
+        """One depth frame's walk: readings, pose, motion, footprint, sums per cell, update."""
         reducer = self._reducer_for(frame.camera)
-        mount = self._mounts.lookup(self._poses.body_frame, DEPTH_OPTICAL_FRAME)
-        readings = reducer.load(frame.depth_mm)
+        mount = self._mounts.lookup(self.body_frame, DEPTH_OPTICAL_FRAME)
+        readings = reducer.load(frame.depth_mm) - self._drop_own_body(reducer)
         pose: UncertainPose | None = prior
         if self._localiser is not None:
             pose = self._localiser.refine(reducer, prior, mount, self._grid)
         if pose is None:
             return
         self._follow(pose)
-        self._fuse(reducer, pose, mount, readings)
+        counted = replace(pose, covariance=frame_covariance(pose.covariance, self.pose_errors))
+        view = View(counted, pose.transform @ mount)
+        window = self._grid.prepare(reducer.footprint(view), *self._rover_m)
+        constants = reducer.frame_constants(view, window, self._grid.position(window))
+        readings -= self._drop_overhangs(reducer, view, constants)
+        sums, inside = reducer.reduce(view, window)
+        self._clear_seen_through(frame, view, sums, constants)
+        result = fuse(sums, constants, self._fusion, self._grid.layers, self._ledger.motions)
+        self.counts.frames += 1
+        self.counts.readings += readings
+        self.counts.readings_outside += readings - inside
+        self.counts.updates += result.cells
+        self.counts.rejected += result.rejected
+        self.counts.replaced += result.replaced
         self._on_pose(pose)
 
     def _follow(self, pose: UncertainPose) -> None:
@@ -227,38 +220,34 @@ class Mapper:
         x_m, y_m, _ = pose.transform.translation_m.tolist()
         self._rover_m = (x_m, y_m)
 
-    def _fuse(
-        self, reducer: FrameReducer, pose: UncertainPose, mount: RigidTransform, readings: int
+    def _drop_own_body(self, reducer: FrameReducer) -> int:
+        """Drop what hits the rover itself; return how many readings."""
+        if not self.settings.body_boxes_m:
+            return 0
+        mount = self._mounts.lookup(BASE_FRAME, DEPTH_OPTICAL_FRAME)
+        dropped = drop_own_body(reducer.readings, self.settings.body_boxes_m, mount)
+        self.counts.readings_own_body += dropped
+        return dropped
+
+    def _drop_overhangs(self, reducer: FrameReducer, view: View, constants: FrameConstants) -> int:
+        """Drop what hangs high above the ground; return how many readings."""
+        if self.settings.overhang_clearance_m == 0.0:
+            return 0
+        layers = self._grid.layers
+        dropped = drop_overhangs(reducer.readings, view, constants, layers, self.settings)
+        self.counts.readings_overhanging += dropped
+        return dropped
+
+    def _clear_seen_through(
+        self, frame: DepthFrame, view: View, sums: Float64Array, constants: FrameConstants
     ) -> None:
-        pose = replace(pose, covariance=self._counted_per_frame(pose.covariance))
-        view = View(pose, pose.transform @ mount)
-        window = self._grid.prepare(reducer.footprint(view), *self._rover_m)
-        sums, inside = reducer.reduce(view, window)
-        constants = reducer.frame_constants(view, window, self._grid.position(window))
-        result = fuse(sums, constants, self._fusion, self._grid.layers, self._ledger.motions)
-        self.counts.frames += 1
-        self.counts.readings += readings
-        self.counts.readings_outside += readings - inside
-        self.counts.updates += result.cells
-        self.counts.rejected += result.rejected
-        self.counts.replaced += result.replaced
-
-    def _counted_per_frame(self, covariance: Float64Array) -> Float64Array:
-        """Return the covariance (6, 6) that a frame's measurements carry for their pose.
-
-        What is counted at read-out still weighs here: without it near readings, which are the
-        best, would overrule all that was seen from afar, and a map that remembers nothing but the
-        last frames lets aligned poses drift (23 mm instead of 3 on a smooth drive). Of poses whose
-        motions count, only the tilt is left, which levelling finds anew.
-        """
-        errors = self.pose_errors
-        if errors.pose_covariance and not errors.motion_covariance:
-            return covariance
-        variances = [errors.frame_sigma_m**2, errors.frame_sigma_rad**2, errors.frame_sigma_rad**2]
-        counted = np.diag([0.0, 0.0, *variances, 0.0])
-        if errors.pose_covariance:
-            counted[3:5, 3:5] = covariance[3:5, 3:5]
-        return counted
+        """Forget cells that this frame, as others before it, has looked through."""
+        limit = self.settings.seen_through_frames
+        if limit:
+            sight = sight_of(frame.camera, self.noise, view, limit)
+            self.counts.cleared += clear_seen_through(
+                frame.depth_mm, sums, constants, sight, self._grid.layers
+            )
 
     def _reducer_for(self, camera: CameraIntrinsics) -> FrameReducer:
         if self._reducer is None or self._reducer.camera != camera:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,15 +48,13 @@ class View:
     T_terrain_sensor: RigidTransform
 
 
-@dataclass(frozen=True, slots=True)
-class LoadedFrame:
-    """The readings of the frame that a reducer has loaded.
+class Readings(NamedTuple):
+    """A loaded frame, for those who drop some of its readings by setting them to 0.
 
     Attributes:
-        z_m: (height + 2 margin, width + 2 margin) corrected distances along the optical axis, 0
-            = no reading; overwritten by the next frame.
-        margin_px: rows and columns of zeros on every side.
-        ray_x, ray_y: x/z of every column and y/z of every row.
+        z_m: (height + 2 margin, width + 2 margin) distance along the optical axis; 0 = none.
+        margin_px: width of the margin of zeros.
+        ray_x: (width,) x/z of every column. ray_y: (height,) y/z of every row.
     """
 
     z_m: Float32Array
@@ -96,9 +95,9 @@ class FrameReducer:
         return self._noise
 
     @property
-    def loaded(self) -> LoadedFrame:
-        """The readings of the loaded frame."""
-        return LoadedFrame(self._z_m, self._baseline_px, self._ray_x, self._ray_y)
+    def readings(self) -> Readings:
+        """The loaded frame."""
+        return Readings(self._z_m, self._baseline_px, self._ray_x, self._ray_y)
 
     def footprint(self, view: View) -> CellWindow:
         """Return the cells that the view's frustum can reach.

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.messages.frames import MOCAP_BODY_FRAME
@@ -18,7 +20,13 @@ from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
 from mapping.mapper import Mapper, MapperCounts
 from mapping.noise import KINECT_V1, DepthNoiseModel
+from mapping.paper2019.paper_mapper import PaperMapper
 from mapping.settings import MapSettings
+from mapping.world.tile_store import TileStore
+from mapping.world.world_grid import WorldGrid
+from mapping.world.world_map import about_world, check_same_cells
+
+Method = Literal["corrected", "paper2019"]
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -37,6 +45,9 @@ class MapOptions:
             map section (rover.toml).
         noise: depth noise model.
         mount_sigma_m, mount_sigma_rad: uncertainty of the depth sensor's mount.
+        world: folder of a world map that keeps what leaves the scrolling window.
+        continue_world: whether that world is there already.
+        method: "corrected", or "paper2019" for the printed equations (`mapping.paper2019`).
     """
 
     settings: MapSettings
@@ -44,6 +55,9 @@ class MapOptions:
     noise: DepthNoiseModel | None = None
     mount_sigma_m: float | None = None
     mount_sigma_rad: float | None = None
+    world: Path | None = None
+    continue_world: bool = False
+    method: Method = "corrected"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +92,14 @@ def map_stream(
     """
     mapper: Mapper | None = None
     poses: list[UncertainPose] = []
-    for message in reader:
-        mapper = mapper or _mapper_for(options, reader.metadata, poses.append)
-        if not isinstance(message.sample, ClockSample):
-            mapper.add(message.sample)
-        progress(message)
-    mapper = mapper or _mapper_for(options, reader.metadata, poses.append)
-    mapper.finish()
+    with ExitStack() as resources:
+        for message in reader:
+            mapper = mapper or _mapper_for(options, reader.metadata, resources, poses.append)
+            if not isinstance(message.sample, ClockSample):
+                mapper.add(message.sample)
+            progress(message)
+        mapper = mapper or _mapper_for(options, reader.metadata, resources, poses.append)
+        mapper.finish()
     report = reader.report
     attributes = _attributes(mapper, report)
     return MapResult(
@@ -117,6 +132,7 @@ def recorded_settings(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, An
 def _mapper_for(
     options: MapOptions,
     metadata: Mapping[str, Mapping[str, str]],
+    resources: ExitStack,
     on_pose: Callable[[UncertainPose], None],
 ) -> Mapper:
     """Return a mapper with the user's wishes over the recording's over the defaults."""
@@ -135,7 +151,30 @@ def _mapper_for(
             options.settings.mount_sigma_rad,
         ),
     )
-    return Mapper(settings, noise or KINECT_V1, on_pose=on_pose)
+    noise = noise or KINECT_V1
+    if options.method == "paper2019":
+        return PaperMapper(settings, noise, on_pose=on_pose)
+    grid = _world_grid(options, settings, noise, resources)
+    return Mapper(settings, noise, grid, on_pose=on_pose)
+
+
+def _world_grid(
+    options: MapOptions, settings: MapSettings, noise: DepthNoiseModel, resources: ExitStack
+) -> WorldGrid | None:
+    """Return a window over the world that the user gave, which `resources` will close."""
+    if options.world is None:
+        return None
+    if settings.grid != "scrolling":
+        raise MappingError(
+            f"grid is {settings.grid!r}; a world is mapped through a scrolling window"
+        )
+    if options.continue_world:
+        store = resources.enter_context(TileStore.reopen(options.world))
+        check_same_cells(store, settings)
+    else:
+        about = about_world(settings, noise)
+        store = resources.enter_context(TileStore.create(options.world, about))
+    return WorldGrid(settings, store)
 
 
 def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:
@@ -169,9 +208,10 @@ def _overlaid(settings: _Settings, section: object, given: frozenset[str], where
 
 
 def _kind(value: object) -> type:
-    """Return the JSON type of a value; whole numbers and others are one."""
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return float if number else type(value)
+    """Return the JSON type of a value: all numbers are one, and tuples are lists."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float
+    return list if isinstance(value, tuple) else type(value)
 
 
 def _first(*candidates: object) -> float:
@@ -207,5 +247,7 @@ def _flat(name: str, value: object) -> Iterator[tuple[str, str | int | float]]:
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _flat(f"{name}_{key}", inner)
+    elif isinstance(value, tuple):
+        yield name, json.dumps(value)
     elif isinstance(value, str | int | float):
         yield name, int(value) if isinstance(value, bool) else value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -37,6 +38,8 @@ _NOT_NEGATIVE = (
     "relief_frames",
     "mount_sigma_m",
     "mount_sigma_rad",
+    "seen_through_frames",
+    "overhang_clearance_m",
 )
 _ORDERED = (
     ("range_min_m", "range_max_m"),
@@ -73,6 +76,12 @@ class MapSettings:
         horizontal_share: variance of a cell's place along x and y from the start, in squares of
             its edge: 1/4 is paper eq. 17, (d/2)^2; 1/12 is a reading anywhere in the cell.
         pose_gap_max_s: poses are not interpolated across a longer gap; such frames are left out.
+        seen_through_frames: frames whose rays pass through a cell after which it is forgotten;
+            0 = never, see `mapping.change.visibility`.
+        overhang_clearance_m: readings higher than this above their cell's lowest surface are
+            dropped; 0 = never, see `mapping.change.overhang`.
+        body_boxes_m: boxes around the rover's own parts, in the rover frame, each as (x_min,
+            y_min, z_min, x_max, y_max, z_max); readings inside are dropped.
         pose_source: the stream's own poses ("mocap"), or those of "ego-motion"; either of them
             may be corrected by what the map says ("+alignment").
         tilt_source: what ego-motion knows roll and pitch from: "levelled" accelerations, or the
@@ -102,6 +111,9 @@ class MapSettings:
     uncertain_sigma_m: float = 0.015
     horizontal_share: float = 0.25
     pose_gap_max_s: float = 0.2
+    seen_through_frames: int = 5
+    overhang_clearance_m: float = 0.0
+    body_boxes_m: tuple[tuple[float, ...], ...] = ()
     pose_source: PoseSourceName = "mocap"
     tilt_source: TiltSource = "levelled"
     alignment: AlignmentSettings = field(default_factory=AlignmentSettings)
@@ -128,5 +140,30 @@ class MapSettings:
                 raise MappingError(
                     f"{name} is {getattr(self, name)!r}; expected {' or '.join(get_args(choices))}"
                 )
-        if self.confirmations > 255:
-            raise MappingError(f"confirmations is {self.confirmations}; expected at most 255")
+        for name in ("confirmations", "seen_through_frames"):
+            if getattr(self, name) > 255:
+                raise MappingError(f"{name} is {getattr(self, name)}; expected at most 255")
+        object.__setattr__(self, "body_boxes_m", _boxes(self.body_boxes_m))
+
+
+def _boxes(boxes_m: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
+    """Return boxes as tuples.
+
+    Raises:
+        MappingError: one is no box.
+    """
+    for box in boxes_m:
+        if not _is_box(box):
+            raise MappingError(
+                f"body_boxes_m has {box!r}; expected x_min, y_min, z_min, x_max, y_max, z_max in "
+                "metres, each minimum below its maximum"
+            )
+    return tuple(tuple(map(float, box)) for box in boxes_m)
+
+
+def _is_box(box: object) -> bool:
+    if not isinstance(box, list | tuple) or len(box) != 6:
+        return False
+    if not all(isinstance(value, int | float) and math.isfinite(value) for value in box):
+        return False
+    return all(low < high for low, high in zip(box[:3], box[3:], strict=True))

@@ -23,6 +23,7 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
 _Path = Annotated[Path, Field(strict=False)]
 _Count = Annotated[int, Field(ge=1)]
+_Box = Annotated[tuple[_Finite, _Finite, _Finite, _Finite, _Finite, _Finite], Field(strict=False)]
 
 
 class _Strict(BaseModel):
@@ -157,6 +158,9 @@ class MapSection(_Strict):
     uncertain_sigma_m: _Positive = 0.015
     horizontal_share: _Positive = 0.25
     pose_gap_max_s: _Positive = 0.2
+    seen_through_frames: Annotated[int, Field(ge=0, le=255)] = 5
+    overhang_clearance_m: _NotNegative = 0.0
+    body_boxes_m: Annotated[tuple[_Box, ...], Field(strict=False)] = ()
     pose_source: Literal["mocap", "mocap+alignment", "ego-motion", "ego-motion+alignment"] = "mocap"
     tilt_source: Literal["levelled", "level"] = "levelled"
     alignment: AlignmentSection = AlignmentSection()

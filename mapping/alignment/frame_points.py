@@ -64,7 +64,7 @@ class PointGrouper:
         numbers = map(float, (*view.T_terrain_sensor.rotation.ravel(), *lever, *corner))
         size = (self._cell_size_m, window.cells_x, window.cells_y)
         geometry = PointGeometry._make([*numbers, *size])
-        loaded = reducer.loaded
+        loaded = reducer.readings
         stride = max(1, round(reducer.camera.width_px / _WIDTH_PX))
         count = group_points(
             loaded.z_m,

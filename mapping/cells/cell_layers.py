@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+CellIndex = tuple[slice, slice] | tuple[NDArray[np.intp], ...]
 
 
 class CellLayers(NamedTuple):
@@ -24,6 +25,7 @@ class CellLayers(NamedTuple):
     motion: row of the `MotionLedger` up to which the cell has learned of the rover's motions; as of
     that row horizontal_*_m2 is what motions have added to the covariance of its place, and
     stale_m the way driven since its mean observation. The ledger says what has come since.
+    seen_through: frames whose rays passed through the cell, less those with a reading in it.
 
     Heights are float64: far above the origin the small steps of late updates would vanish in
     float32, whose steps are 1 mm at 10 km.
@@ -47,6 +49,7 @@ class CellLayers(NamedTuple):
     horizontal_xy_m2: Float32Array
     horizontal_yy_m2: Float32Array
     stale_m: Float32Array
+    seen_through: NDArray[np.uint8]
 
 
 def empty_layers(rows: int, columns: int) -> CellLayers:
@@ -71,7 +74,14 @@ def empty_layers(rows: int, columns: int) -> CellLayers:
         horizontal_xy_m2=np.zeros(shape, np.float32),
         horizontal_yy_m2=np.zeros(shape, np.float32),
         stale_m=np.zeros(shape, np.float32),
+        seen_through=np.zeros(shape, np.uint8),
     )
+
+
+def copy_cells(source: CellLayers, there: CellIndex, target: CellLayers, here: CellIndex) -> None:
+    """Copy the cells at `there` in the source to `here` in the target, in all layers."""
+    for name, layer in source._asdict().items():
+        getattr(target, name)[here] = layer[there]
 
 
 BYTES_PER_CELL = sum(layer.itemsize for layer in empty_layers(0, 0))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.cells.cell_layers import CellLayers
-from mapping.cells.grid import Grid
+from mapping.cells.grid import Cells
 from mapping.cells.relief_kernels import surrounding_relief
 from mapping.errors import MappingError
 from mapping.motion.read_out import Rover, place_errors, standing
@@ -107,7 +107,7 @@ class ElevationMap:
 
 
 def read_out(
-    grid: Grid,
+    grid: Cells,
     settings: MapSettings,
     attributes: Mapping[str, str | int | float],
     rover: Rover | None = None,
@@ -196,7 +196,7 @@ def _relief_m2(
     return relief
 
 
-def _cut_to_seen(grid: Grid) -> tuple[CellLayers, int, int]:
+def _cut_to_seen(grid: Cells) -> tuple[CellLayers, int, int]:
     """Return copies of the layers inside the box of seen cells, and its first column and row."""
     layers = grid.unrolled()
     seen = layers.frames > 0

@@ -173,8 +173,11 @@ def _challenge(
 
 
 @njit(inline="always")
-def _agrees(known: Known, m: Measurement, f: FusionConstants) -> bool:
+def _agrees(known: Known, m: Measurement, cell_size_m: float, f: FusionConstants) -> bool:
     """Gate: squared innovation against the variance of both sides, all in m^2.
+
+    A frame's relief counts as far as a slope can make it, (d/2)^2 at 60 degrees: more is the flank
+    of something tall, which must not pass for ground because it is tall.
 
     The constant errors count with |s|^2 + |m|^2 although both sides share them and the innovation's
     part is |s - m|^2: real frames of a moving camera differ by more than the model knows of.
@@ -182,7 +185,8 @@ def _agrees(known: Known, m: Measurement, f: FusionConstants) -> bool:
     innovation = m.height_m - known.height_m
     variance = known.variance_m2 + m.own_m2 + m.common_m2
     variance += _dot(known.systematic, known.systematic) + _dot(m.systematic, m.systematic)
-    variance += max(m.relief_m2, known.relief_m2, 0.0)
+    slope_m2 = 0.25 * cell_size_m * cell_size_m
+    variance += max(min(m.relief_m2, slope_m2), known.relief_m2, 0.0)
     return innovation * innovation <= f.gate2 * variance
 
 
@@ -257,7 +261,7 @@ def _update_block(b: Float64Array, c: FrameConstants, f: FusionConstants) -> Non
             b[_SINCE + n],
         )
         u = _update(known, m, f)
-        b[_ACCEPTED + n] = 1.0 if _agrees(known, m, f) else 0.0
+        b[_ACCEPTED + n] = 1.0 if _agrees(known, m, c.cell_size_m, f) else 0.0
         b[_HEIGHT + n] = u.height_m
         b[_VARIANCE + n] = u.variance_m2
         b[_A + n] = u.systematic.a_m
@@ -303,6 +307,7 @@ def _flat(layers: CellLayers) -> CellLayers:
         layers.horizontal_xy_m2.reshape(-1),
         layers.horizontal_yy_m2.reshape(-1),
         layers.stale_m.reshape(-1),
+        layers.seen_through.reshape(-1),
     )
 
 
@@ -370,7 +375,8 @@ def _catch_up(
         # Neighbours were mostly seen together, and share what they have missed.
         if layers.motion[p] != learned:
             learned = layers.motion[p]
-            then = motions.sums[learned]
+            # A cell that another run has stored may have learned of more motions than there are.
+            then = motions.sums[min(learned, np.uint32(motions.now))]
             xx, xy, yy = now[0] - then[0], now[1] - then[1], now[2] - then[2]
             along_x, along_y, yaw = now[3] - then[3], now[4] - then[4], now[5] - then[5]
             zz, way = now[6] - then[6], now[7] - then[7]

@@ -76,12 +76,11 @@ def _form(xx: float, xy: float, yy: float, table: Float64Array) -> _Form:
     """Return the ellipse of a covariance, its eigenvalues widened where they are narrow."""
     middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
     spread = np.sqrt(half * half + xy * xy)
-    small = max(middle - spread, _NARROWEST)
-    large = max(middle + spread, small)
-    wide_large, wide_small = _widened(large, table), _widened(small, table)
-    # f(S) = a I + b S has the same axes as S.
-    slope = (wide_large - wide_small) / (large - small) if large > small * 1.000001 else 1.0
-    offset = wide_small - slope * small
+    wide_large = _widened(max(middle + spread, _NARROWEST), table)
+    wide_small = _widened(max(middle - spread, _NARROWEST), table)
+    # f(S) = a I + b S has the same axes as S, also where S is no covariance.
+    slope = (wide_large - wide_small) / (2.0 * spread) if spread > 1e-6 * middle else 1.0
+    offset = wide_small - slope * (middle - spread)
     a_xx, a_xy, a_yy = offset + slope * xx, slope * xy, offset + slope * yy
     step = 1 + int(np.sqrt(_REACH2 * wide_large) / _SAMPLES)
     inverse = step * step / (a_xx * a_yy - a_xy * a_xy)

@@ -91,7 +91,7 @@ def _caught_up(
     driven_m = layers.stale_m.astype(np.float64)
     if motions.now == 0:
         return np.zeros_like(xx), xx, xy, yy, driven_m
-    missed = motions.sums[motions.now] - motions.sums[layers.motion]
+    missed = motions.sums[motions.now] - motions.sums[np.minimum(layers.motion, motions.now)]
     x, y = x_m - motions.anchor_x_m, y_m - motions.anchor_y_m
     along_x, along_y, yaw = (missed[..., k] for k in (SUM_XYAW, SUM_YYAW, SUM_YAW))
     xx += np.maximum(missed[..., SUM_XX] - 2.0 * y * along_x + y * y * yaw, 0.0)

@@ -12,12 +12,11 @@ from mapping.settings import MapSettings
 
 # A stamp whose last digits a floating number would lose.
 EPOCH_NS = 1_700_000_000_123_456_789
-
-
-def _flat_settings() -> dict[str, str | int | float]:
-    """Return those settings that a map file can hold as they are."""
-    values = asdict(MapSettings())
-    return {name: value for name, value in values.items() if not isinstance(value, dict)}
+_PLAIN_SETTINGS = {
+    name: value
+    for name, value in asdict(MapSettings()).items()
+    if not isinstance(value, tuple | dict)
+}
 
 
 def make_map(
@@ -58,7 +57,7 @@ def make_map(
         pixels=np.where(known, 90, 0).astype(np.uint32),
         last_seen_ns=np.where(known, EPOCH_NS, 0).astype(np.int64),
         state=np.broadcast_to(np.asarray(state, np.uint8), elevation.shape).copy(),
-        attributes={**_flat_settings(), "noise_model": "nguyen2012", "frames": 58},
+        attributes={**_PLAIN_SETTINGS, "noise_model": "nguyen2012", "frames": 58},
     )
 
 

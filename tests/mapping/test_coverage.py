@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import norm
 
-from benchmarks.coverage import constant_draws, judge_world, pooled
+from benchmarks.coverage_worlds import constant_draws, judge_world, pooled
 
 _FRAMES = 80
 

@@ -171,3 +171,14 @@ def test_a_place_that_nobody_knows_is_bounded_and_does_not_take_for_ever() -> No
     map_ = _placed(hilly_map(), 1e6 * np.eye(2))
     fused = fuse_map(map_)
     assert np.isfinite(fused.elevation_m[map_.state == CellState.MEASURED]).all()
+
+
+def test_what_is_no_covariance_is_taken_without_its_negative_part() -> None:
+    """As the paper's printed equations may make it."""
+    map_ = hilly_map()
+    odd = fuse_map(_placed(map_, np.array([[4e-4, 9e-4], [9e-4, 4e-4]])))
+    values, axes = np.linalg.eigh(np.array([[4e-4, 9e-4], [9e-4, 4e-4]]))
+    narrowest = 0.02 * CELL_M**2
+    sound = axes @ np.diag(np.maximum(values, narrowest)) @ axes.T
+    expected = fuse_map(_placed(map_, sound))
+    np.testing.assert_allclose(odd.variance_m2, expected.variance_m2, rtol=1e-3)

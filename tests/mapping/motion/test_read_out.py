@@ -88,7 +88,7 @@ def test_the_parts_of_an_aligned_source(rover_x: float, rover_y: float, driven_m
 
 def _slope_mapper(pose_errors: object = ABSOLUTE, covariance: float = 0.0) -> Mapper:
     """Return a mapper that saw a slope of 0.3 along x and -0.1 along y."""
-    mapper = Mapper(MapSettings(), constant_noise(0.001), pose_errors)  # type: ignore[arg-type]
+    mapper = Mapper(MapSettings(), constant_noise(0.001), pose_errors=pose_errors)  # type: ignore[arg-type]
     mapper.add(mount())
     for n in range(3):
         rotation, position = looking(10.0 * n, 40.0), np.array([0.0, 0.0, 1.0])
