@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from benchmarks.numpy_measurement import numpy_frame
 from drivers.samples import CameraIntrinsics
 from mapping.cells.cell_layers import BYTES_PER_CELL, empty_layers
 from mapping.cells.elevation_map import read_out
@@ -188,7 +189,7 @@ def measure(width: int, cell_m: float, window_m: float, frames: int, copy_gb_s: 
         clock.lap("update")
         laps.append(clock.laps)
         numbers.append((points, counts.cells, window.cells_x * window.cells_y))
-    numpy_s = _median_s(lambda i: _numpy_frame(images[i % _VIEWS], camera, cell_m, _view(i)), 5)
+    numpy_s = _median_s(lambda i: numpy_frame(images[i % _VIEWS], camera, cell_m, _view(i)), 5)
     layers_mb = sum(layer.nbytes for layer in grid.layers) / 1e6
     return _row(
         (width, cell_m, window_m),
@@ -275,44 +276,11 @@ def _median_s(work: Callable[[int], object], repeats: int) -> float:
     return float(np.median(times))
 
 
-def _numpy_frame(
-    depth_mm: NDArray[np.uint16], camera: CameraIntrinsics, cell_m: float, view: View
-) -> Float64Array:
-    """Height, variance with incidence angle and sums per cell, as one would write it in numpy."""
-    z = depth_mm * 1e-3
-    v, u = np.nonzero((z > 0.4) & (z < 4.0))
-    slope_y, slope_x = (g[v, u] for g in np.gradient(z))
-    z = z[v, u]
-    ray = np.stack(
-        [(u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px, np.ones_like(z)]
-    )
-    a, b = camera.fx_px * slope_x, camera.fy_px * slope_y
-    normal = np.sqrt(a**2 + b**2 + (z + ray[0] * a + ray[1] * b) ** 2)
-    length = np.sqrt((ray**2).sum(axis=0))
-    theta = np.minimum(np.arccos(np.clip(z / (normal * length), 0.0, 1.0)), 1.466)
-    ratio = theta / (np.pi / 2 - theta)
-    sigma = 0.0012 + 0.0019 * (z - 0.4) ** 2 + 0.0001 / np.sqrt(z) * ratio**2
-    lateral = (0.8 + 0.035 * ratio) * z / 580.0
-    direction = view.T_terrain_sensor.rotation @ ray
-    variance = (sigma * direction[2]) ** 2 + lateral**2 * (1 - (direction[2] / length) ** 2)
-    x, y = z * direction[:2] + view.T_terrain_sensor.translation_m[:2, np.newaxis]
-    column, row = np.floor(x / cell_m).astype(int), np.floor(y / cell_m).astype(int)
-    column -= column.min()
-    row -= row.min()
-    index = row * (column.max() + 1) + column
-    height, weight = z * direction[2], 1.0 / variance
-    return np.stack([np.bincount(index, w) for w in (weight, weight * height, weight * height**2)])
-
-
 def _print(rows: list[Row], whole: list[WholeMap], copy_gb_s: float) -> None:
     print(
         f"{'image':>8} {'cell':>6} {'map':>5} {'run':>4} {'valid':>7} {'touched':>8} "
         f"{'ms':>6} {'Mpoint/s':>9} {'load':>6} {'reduce':>7} {'update':>7} {'other':>6} "
         f"{'layers':>7} {'moved':>7} {'roofline':>9} {'numpy':>6}"
-    )
-    print(
-        f"{'':>49}{'':>8} {'':>9} {'ns/px':>5} {'ns/px':>7} {'ns/cell':>7} {'ms':>6} {'MB':>7} "
-        f"{'MB':>7} {'':>9} {'':>6}"
     )
     for r in rows:
         print(
@@ -322,6 +290,7 @@ def _print(rows: list[Row], whole: list[WholeMap], copy_gb_s: float) -> None:
             f"{r.other_ms:>6.3f} {r.layers_mb:>7.1f} {r.moved_mb:>7.2f} "
             f"{r.roofline_share:>9.0%} {r.times_numpy:>5.0f}x"
         )
+    print("load, reduce: ns a point; update: ns a touched cell; other: ms; layers, moved: MB")
     print(f"roofline: {copy_gb_s:.1f} GB/s, read and written together, when memory is copied")
     print(f"a cell takes {BYTES_PER_CELL} bytes, a motion 64")
     for step in whole:

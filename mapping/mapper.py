@@ -203,6 +203,12 @@ class Mapper:
         readings -= self._drop_overhangs(reducer, view, constants)
         sums, inside = reducer.reduce(view, window)
         self._clear_seen_through(frame, view, sums, constants)
+        errors = self.pose_errors
+        constants = constants._replace(
+            frame_m2=errors.frame_sigma_m**2,
+            frame_rad2=errors.frame_sigma_rad**2,
+            drift_per_m=errors.drift_per_m,
+        )
         result = fuse(sums, constants, self._fusion, self._grid.layers, self._ledger.motions)
         self.counts.frames += 1
         self.counts.readings += readings

@@ -14,7 +14,8 @@ class FrameConstants(NamedTuple):
     corner relative to the camera. camera_*: the camera in T. lever_*: camera minus tracked body.
     rXY: elements of C_TS. pose_*: entries of the pose covariance, z, rotation about x and about y.
     mount_rad: sigma of the mount's rotation. bias_*: sigma of the depth bias is bias_0 +
-    bias_2 z^2. range_min_m: no reading is nearer.
+    bias_2 z^2. range_min_m: no reading is nearer. frame_*, drift_per_m: of the gate alone, see
+    `mapping.motion.pose_errors`.
     """
 
     t_ns: int
@@ -48,6 +49,9 @@ class FrameConstants(NamedTuple):
     bias_2_per_m: float
     correlation_area_px: float
     range_min_m: float
+    frame_m2: float = 0.0
+    frame_rad2: float = 0.0
+    drift_per_m: float = 0.0
 
 
 class FusionConstants(NamedTuple):

@@ -75,6 +75,14 @@ def _common_m2(c: FrameConstants, x: float, y: float) -> float:
 
 
 @njit(inline="always")
+def _frames_m2(c: FrameConstants, x: float, y: float, stale_m: float) -> float:
+    """V_frame of the measurement and V_frame + V_drift of the map, which are not in R and V."""
+    rx = x + c.lever_x_m
+    ry = y + c.lever_y_m
+    return (c.frame_m2 + c.frame_rad2 * (rx * rx + ry * ry)) * (2.0 + c.drift_per_m * stale_m)
+
+
+@njit(inline="always")
 def _clamp(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
@@ -173,7 +181,9 @@ def _challenge(
 
 
 @njit(inline="always")
-def _agrees(known: Known, m: Measurement, cell_size_m: float, f: FusionConstants) -> bool:
+def _agrees(
+    known: Known, m: Measurement, frames_m2: float, cell_size_m: float, f: FusionConstants
+) -> bool:
     """Gate: squared innovation against the variance of both sides, all in m^2.
 
     A frame's relief counts as far as a slope can make it, (d/2)^2 at 60 degrees: more is the flank
@@ -183,7 +193,7 @@ def _agrees(known: Known, m: Measurement, cell_size_m: float, f: FusionConstants
     part is |s - m|^2: real frames of a moving camera differ by more than the model knows of.
     """
     innovation = m.height_m - known.height_m
-    variance = known.variance_m2 + m.own_m2 + m.common_m2
+    variance = known.variance_m2 + m.own_m2 + m.common_m2 + frames_m2
     variance += _dot(known.systematic, known.systematic) + _dot(m.systematic, m.systematic)
     slope_m2 = 0.25 * cell_size_m * cell_size_m
     variance += max(min(m.relief_m2, slope_m2), known.relief_m2, 0.0)
@@ -261,7 +271,8 @@ def _update_block(b: Float64Array, c: FrameConstants, f: FusionConstants) -> Non
             b[_SINCE + n],
         )
         u = _update(known, m, f)
-        b[_ACCEPTED + n] = 1.0 if _agrees(known, m, c.cell_size_m, f) else 0.0
+        frames_m2 = _frames_m2(c, b[_X + n], b[_Y + n], b[_STALE + n])
+        b[_ACCEPTED + n] = 1.0 if _agrees(known, m, frames_m2, c.cell_size_m, f) else 0.0
         b[_HEIGHT + n] = u.height_m
         b[_VARIANCE + n] = u.variance_m2
         b[_A + n] = u.systematic.a_m

@@ -67,7 +67,7 @@ def fuse_map(map_: ElevationMap, window: tuple[slice, slice] = _WHOLE) -> FusedM
     cells = np.full(out.elevation_m.shape, 1.0 / map_.resolution_m**2, np.float32)
     covariance = (map_.horizontal_xx_m2, map_.horizontal_xy_m2, map_.horizontal_yy_m2)
     whole = map_.horizontal_xx_m2[window] + map_.horizontal_yy_m2[window]
-    cells *= np.minimum(np.float32(1.0), _LARGEST_CELLS2 / (whole * cells))
+    cells *= _LARGEST_CELLS2 / np.maximum(whole * cells, _LARGEST_CELLS2)
     places = Places(*(np.ascontiguousarray(layer[window] * cells) for layer in covariance))
     margin = 2 + int(REACH_SIGMA * np.sqrt(np.nanmax(whole * cells, initial=1.0)))
     integrate(_surface(map_, margin), places, row + margin, column + margin, _NARROW, out)

@@ -60,6 +60,15 @@ class _Form(NamedTuple):
     step: int
 
 
+class _Line(NamedTuple):
+    """A line of samples: first and last column, first weight, ratio of the second to it."""
+
+    first: int
+    last: int
+    weight: float
+    ratio: float
+
+
 @njit(inline="always")
 def _widened(variance: float, table: Float64Array) -> float:
     """Return the width whose samples at whole cells have this variance; see `narrow_table`."""
@@ -85,6 +94,29 @@ def _form(xx: float, xy: float, yy: float, table: Float64Array) -> _Form:
     step = 1 + int(np.sqrt(_REACH2 * wide_large) / _SAMPLES)
     inverse = step * step / (a_xx * a_yy - a_xy * a_xy)
     return _Form(a_yy * inverse, -a_xy * inverse, a_xx * inverse, step)
+
+
+@njit(inline="always")
+def _line(a: _Form, j: int, q_x: float, cross: float, weight: float) -> _Line:
+    """Return where the j-th line of samples begins and ends, and how its weights go on.
+
+    `cross`: q_cross^j. `weight`: that of the sample straight below the cell.
+    """
+    lean, narrower = a.xy / a.xx, a.yy - a.xy * a.xy / a.xx
+    half = np.sqrt(max(_REACH2 - j * j * narrower, 0.0) / a.xx)
+    first, last = int(np.ceil(-lean * j - half)), int(np.floor(-lean * j + half))
+    first = max(first, 1) if j == 0 else first
+    ratio = q_x * cross
+    if first < 0:
+        back = q_x / cross
+        for _ in range(-first):
+            weight *= back
+            back *= q_x * q_x
+        ratio = q_x * q_x / back
+    for _ in range(first):
+        weight *= ratio
+        ratio *= q_x * q_x
+    return _Line(first, last, weight, ratio)
 
 
 @njit(cache=True, error_model="numpy")
@@ -114,24 +146,10 @@ def integrate(
             height = float(height_m[here])
             weights, rises, squares = 1.0, 0.0, float(variance_m2[here])
             low, high = lower_m[here], upper_m[here]
-            lean, narrower = a.xy / a.xx, a.yy - a.xy * a.xy / a.xx
-            inverse_xx = 1.0 / a.xx
             q_x, q_cross, q_y = np.exp(-0.5 * a.xx), np.exp(-a.xy), np.exp(-0.5 * a.yy)
-            q2_x, q2_y, line_weight, line_cross = q_x * q_x, q_y * q_y, 1.0, 1.0
-            for j in range(int(np.sqrt(_REACH2 / narrower)) + 1):
-                half = np.sqrt(max(_REACH2 - j * j * narrower, 0.0) * inverse_xx)
-                first, last = int(np.ceil(-lean * j - half)), int(np.floor(-lean * j + half))
-                first = max(first, 1) if j == 0 else first
-                weight, ratio = line_weight, q_x * line_cross
-                if first < 0:
-                    back = q_x / line_cross
-                    for _ in range(-first):
-                        weight *= back
-                        back *= q2_x
-                    ratio = q2_x / back
-                for _ in range(first):
-                    weight *= ratio
-                    ratio *= q2_x
+            below, cross, q2_y = 1.0, 1.0, q_y * q_y
+            for j in range(int(np.sqrt(_REACH2 * a.xx / (a.xx * a.yy - a.xy * a.xy))) + 1):
+                first, last, weight, ratio = _line(a, j, q_x, cross, below)
                 for i in range(first, last + 1):
                     away = np.uint64((j * line + i) * a.step)
                     p, q = here + away, here - away
@@ -144,10 +162,10 @@ def integrate(
                     low = min(low, min(lower_m[p], lower_m[q]))
                     high = max(high, max(upper_m[p], upper_m[q]))
                     weight *= ratio
-                    ratio *= q2_x
-                line_weight *= q_y
+                    ratio *= q_x * q_x
+                below *= q_y
                 q_y *= q2_y
-                line_cross *= q_cross
+                cross *= q_cross
             rise = rises / weights
             out.elevation_m[row, column] = height + rise
             out.variance_m2[row, column] = max(squares / weights - rise * rise, 0.0)

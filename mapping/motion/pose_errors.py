@@ -8,6 +8,7 @@ V = V_independent + V_systematic + V_relief                       the map's own,
 r = horizontal distance of the cell from the rover, D = metres driven since the cell's mean
 observation, g = slope, Sigma_xy = horizontal covariance of the cell, Sigma_0 = what a cell has
 from the start. All of it is evaluated when the map is read out, relative to the rover's last place.
+V_frame and V_drift also widen the gate of new measurements, which differ from the map by them.
 """
 
 from __future__ import annotations

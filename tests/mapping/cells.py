@@ -63,8 +63,8 @@ class Cell:
             MapSettings(**({"sigma_floor_m": 1e-6, "sigma_ceiling_m": 100.0} | settings))
         )
 
-    def see(self, seen: Seen, motions: Motions | None = None) -> UpdateCounts:
-        """Fuse one frame after these motions.
+    def see(self, seen: Seen, motions: Motions | None = None, **changes: float) -> UpdateCounts:
+        """Fuse one frame after these motions, with these constants changed.
 
         Its pixels lie 1 m above the camera: both ends are exact.
         """
@@ -81,6 +81,7 @@ class Cell:
             r02=c,
             bias_0_m=bias,
             pose_zz=seen.common_m2,
+            **changes,
         )
         sums = sums_of([1.0 + offset for offset in seen.offsets_m], 1.0 / (n * seen.own_m2))
         counts = fuse(sums, frame, self._fusion, self.layers, motions or at_rest())

@@ -71,7 +71,8 @@ def test_the_lazy_update_is_the_sweep(taken: list[tuple[list[RelativeMotion], fl
         np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-9)
         assert cell.variance_m2 == pytest.approx(swept.variance_m2, rel=1e-4, abs=1e-12)
         assert cell.stale_m == pytest.approx(swept.stale_m, rel=1e-4, abs=1e-7)
-        assert found[0] * found[2] - found[1] ** 2 >= -1e-5 * found[0] * found[2]
+        product = found[0] * found[2]
+        assert product - found[1] ** 2 >= -1e-5 * product - 1e-30
 
 
 @given(st.lists(st.floats(0.0, 0.1), min_size=1, max_size=5), st.floats(-5.0, 5.0))
@@ -117,3 +118,15 @@ def test_a_rejected_measurement_leaves_the_cell_to_learn_later() -> None:
     ledger.add(RelativeMotion(0, np.zeros(3), 0.0, 1e-6 * np.eye(4), 0.1))
     assert cell.see(Seen(0.5, 1e-6), ledger.motions).rejected == 1
     assert (cell.motion, cell.stale_m) == (0, 0.0)
+
+
+@pytest.mark.parametrize("share", [0.99, 1.01])
+def test_the_gate_knows_of_frames_and_drift(share: float) -> None:
+    """V_frame of the measurement, V_frame (1 + D / 1 m) of the map, 1 m away; D = 3 m."""
+    frames = {"frame_m2": 1e-6, "frame_rad2": 2e-6, "drift_per_m": 1.0}
+    ledger = MotionLedger(with_covariance=False)
+    cell = Cell()
+    cell.see(Seen(0.0, 1e-8))
+    ledger.add(RelativeMotion(0, np.zeros(3), 0.0, np.zeros((4, 4)), 3.0))
+    height = share * 3.5 * math.sqrt(2e-8 + 3e-6 * (2.0 + 3.0))
+    assert cell.see(Seen(height, 1e-8), ledger.motions, **frames).rejected == (share > 1.0)

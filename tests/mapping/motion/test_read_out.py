@@ -15,7 +15,7 @@ from mapping.cells.cell_layers import empty_layers
 from mapping.cells.elevation_map import CellState
 from mapping.mapper import Mapper
 from mapping.motion.ledger import MotionLedger, at_rest
-from mapping.motion.pose_errors import ABSOLUTE, ALIGNED, RELATIVE
+from mapping.motion.pose_errors import ABSOLUTE, ALIGNED, RELATIVE, PoseErrorModel
 from mapping.motion.read_out import Rover, place_errors, standing
 from mapping.motion.relative import RelativeMotion
 from mapping.noise import constant_noise
@@ -86,9 +86,9 @@ def test_the_parts_of_an_aligned_source(rover_x: float, rover_y: float, driven_m
         np.testing.assert_allclose(covariance, place * drifted, rtol=1e-6, atol=1e-12)
 
 
-def _slope_mapper(pose_errors: object = ABSOLUTE, covariance: float = 0.0) -> Mapper:
+def _slope_mapper(pose_errors: PoseErrorModel = ABSOLUTE, covariance: float = 0.0) -> Mapper:
     """Return a mapper that saw a slope of 0.3 along x and -0.1 along y."""
-    mapper = Mapper(MapSettings(), constant_noise(0.001), pose_errors=pose_errors)  # type: ignore[arg-type]
+    mapper = Mapper(MapSettings(), constant_noise(0.001), pose_errors=pose_errors)
     mapper.add(mount())
     for n in range(3):
         rotation, position = looking(10.0 * n, 40.0), np.array([0.0, 0.0, 1.0])

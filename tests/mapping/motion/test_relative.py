@@ -15,11 +15,13 @@ from mapping.errors import MappingError
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.motion.pose_errors import ABSOLUTE, ALIGNED, RELATIVE, PoseErrorModel
 from mapping.motion.relative import (
+    RelativeMotion,
     clip_to_psd,
     relative_covariance,
     upright_covariance,
     yaw_of,
 )
+from tests.mapping.motion.sweep import growth
 
 Float64Array = NDArray[np.float64]
 
@@ -135,3 +137,23 @@ def test_the_presets_count_nothing_twice() -> None:
 def test_what_would_count_an_error_twice_is_refused(given_: dict[str, float], message: str) -> None:
     with pytest.raises(MappingError, match=message):
         PoseErrorModel(**given_)  # type: ignore[arg-type] # a mixture of flags and numbers
+
+
+@given(roots, motions, numbers, yaws, st.tuples(*[st.floats(-5.0, 5.0)] * 3).map(np.array))
+def test_a_wrong_motion_moves_a_cell_as_seen_from_the_rover(
+    root: Float64Array, motion: Float64Array, turned: float, yaw: float, cell: Float64Array
+) -> None:
+    """dr + (e x r) d_yaw, r from the rover after the motion, dr in its axes before it."""
+    start, step = np.append([0.3, -0.2, 0.1], yaw), np.append(motion, turned)
+    end = _moved(start, step)
+
+    def seen(error: Float64Array) -> Float64Array:
+        wrong = _moved(start, step + error)
+        place: Float64Array = _turn(end[3]) @ _turn(wrong[3]).T @ (cell - wrong[:3])
+        return place
+
+    columns = [(seen(d) - seen(-d)) / 2e-6 for d in 1e-6 * np.eye(4)]
+    jacobian = np.stack(columns, axis=1)
+    taken = RelativeMotion(0, end[:3], yaw, root @ root.T, 0.0)
+    expected = jacobian @ taken.covariance @ jacobian.T
+    np.testing.assert_allclose(growth(taken, cell), expected, atol=1e-6)
