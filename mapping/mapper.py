@@ -74,7 +74,8 @@ class Mapper:
         self._fusion = fusion_constants(settings)
         self._poses = pose_source_for(settings)
         absolute = settings.pose_source == "mocap"
-        self._motion = None if absolute else MotionTracker(self._poses)
+        wanted = self.pose_errors.motion_covariance
+        self._motion = None if absolute else MotionTracker(self._poses, with_covariance=wanted)
         self._mounts = MountTree()
         self._localiser: Localiser | None = None
         if is_aligned(settings):
@@ -112,6 +113,8 @@ class Mapper:
             self._map_ready_frames(sample.t_ns)
         if isinstance(sample, PoseSample | DepthFrame):
             self._count_poses()
+        if self._motion is not None and self._motion.is_overdue(sample.t_ns):
+            self._follow_latest()
 
     def move(self, motion: RelativeMotion) -> None:
         """Take the rover's motion since the last one, with or without depth in between.
@@ -137,9 +140,7 @@ class Mapper:
         waiting, self._waiting = self._waiting, []
         for frame in waiting:
             self._map_or_count(frame)
-        latest = self._poses.latest
-        if latest is not None:
-            self._follow(latest)
+        self._follow_latest()
         self._count_poses()
         self._grid.save()
 
@@ -217,6 +218,12 @@ class Mapper:
         self.counts.rejected += result.rejected
         self.counts.replaced += result.replaced
         self._on_pose(pose)
+
+    def _follow_latest(self) -> None:
+        """Follow the rover though there is no depth."""
+        latest = self._poses.latest
+        if latest is not None:
+            self._follow(latest)
 
     def _follow(self, pose: UncertainPose) -> None:
         """Let the map know how the rover has moved."""

@@ -23,8 +23,8 @@ class MapperCounts:
             eigenvalue.
         pose_events: things that estimated poses suffered from.
         aligned, unaligned, misfits, slid: frames whose pose the map corrected; to which it had
-            nothing to say; which fitted it nowhere and were not mapped; at which the map's idea
-            of gravity was found wrong.
+            nothing to say; which fitted it nowhere and were, for a while, not mapped; at which the
+            map's idea of gravity was found wrong.
     """
 
     frames: int = 0

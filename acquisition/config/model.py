@@ -107,6 +107,7 @@ class AlignmentSection(_Strict):
     cut_m: _Positive = 0.15
     farthest_m: _Positive = 0.25
     worst_scale: _Positive = 2.0
+    most_misfits: _Count = 10
     robust_sigma: _Positive = 2.0
     fewest_pixels: _Count = 3
     fewest_points: _Count = 100

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.messages.codec import Recordable
-from acquisition.messages.frames import ACCELEROMETER_FRAME, VIBRATION_FRAME
+from acquisition.messages.frames import ACCELEROMETER_FRAME, BASE_FRAME, VIBRATION_FRAME
 from drivers.samples import AccelerationSample, VibrationSample
 from mapping.mounts import MountTree
 
@@ -23,7 +23,8 @@ class FeltGravity:
 
     Args:
         mounts: filled by somebody else while the stream goes on.
-        body_frame: in whose axes gravity is wanted.
+        body_frame: in whose axes gravity is wanted. A sensor without a mount has base_link's axes,
+            as in ego-motion, and says nothing of another body.
     """
 
     def __init__(self, mounts: MountTree, body_frame: str) -> None:
@@ -61,6 +62,10 @@ class FeltGravity:
             self._forces.popleft()
 
     def _to_body(self, frame: str) -> Float64Array:
+        """Return C_body_sensor; zeros where it is not known."""
         if frame not in self._axes:
-            self._axes[frame] = self._mounts.lookup(self._body_frame, frame).rotation
+            if self._mounts.connects(self._body_frame, frame):
+                self._axes[frame] = self._mounts.lookup(self._body_frame, frame).rotation
+            else:
+                self._axes[frame] = np.eye(3) * float(self._body_frame == BASE_FRAME)
         return self._axes[frame]

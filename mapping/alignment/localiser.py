@@ -27,7 +27,8 @@ class AlignmentCounts:
     Attributes:
         aligned: frames whose pose the map has corrected.
         unaligned: frames to which the map had nothing to say: the first one, new ground, a void.
-        misfits: frames that fit the map nowhere near their prior; they are not mapped.
+        misfits: frames that fit the map nowhere near their prior; the first of them in a row are
+            not mapped.
         slid: frames at which the map's idea of gravity was found wrong.
     """
 
@@ -57,6 +58,7 @@ class Localiser:
     ) -> None:
         self.counts = AlignmentCounts()
         self.slid_rad = 0.0
+        self._misfits_in_a_row = 0
         self._poses = poses
         self._settings = settings
         self._aligner = ScanAligner(settings, cell_size_m)
@@ -92,7 +94,9 @@ class Localiser:
             return prior
         if not self._is_credible(alignment, prior):
             self.counts.misfits += 1
-            return None
+            self._misfits_in_a_row += 1
+            return prior if self._misfits_in_a_row > self._settings.most_misfits else None
+        self._misfits_in_a_row = 0
         self.counts.aligned += 1
         self._poses.correct(alignment)
         return fuse_pose(prior, alignment, self._settings)

@@ -21,7 +21,7 @@ _POSITIVE = (
     "lever_m",
     "cells_per_independent",
 )
-_COUNTS = ("full_points", "fewest_pixels", "fewest_points", "iterations")
+_COUNTS = ("most_misfits", "full_points", "fewest_pixels", "fewest_points", "iterations")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +42,8 @@ class AlignmentSettings:
         cut_m: residuals beyond are left out.
         farthest_m: a pose that is moved further (rotations times `lever_m`) is not believed.
         worst_scale: nor is one whose residuals spread so many times wider than they should.
+        most_misfits: so many frames in a row that fit the map nowhere are left out; the rover is
+            then taken to be where the prior says, and the ground to have changed.
         robust_sigma: residuals of so many sigma (of the frame's own spread) weigh half.
         fewest_pixels: cells of map or frame with fewer pixels do not count.
         fewest_points: fewer points than this align nothing.
@@ -58,6 +60,7 @@ class AlignmentSettings:
     cut_m: float = 0.15
     farthest_m: float = 0.25
     worst_scale: float = 2.0
+    most_misfits: int = 10
     robust_sigma: float = 2.0
     fewest_pixels: int = 3
     fewest_points: int = 100

@@ -143,7 +143,8 @@ def _warnings(result: MapResult) -> list[str]:
         )
     if counts.misfits:
         lines.append(
-            f"{counts.misfits} depth frames fit the map nowhere near their pose and were not mapped"
+            f"{counts.misfits} depth frames fit the map nowhere near their pose; the first of each "
+            "row of them were not mapped"
         )
     if counts.slid:
         lines.append(

@@ -20,6 +20,7 @@ from mapping.ego_motion.ego_motion import EgoMotion
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
+from mapping.motion.relative import upright_covariance
 from mapping.poses.settings import TiltSource
 from mapping.poses.source import PoseCounts
 
@@ -95,9 +96,16 @@ class EstimatedPoses:
         ready_ns = self._ego.poses_ready_until_ns
         return None if ready_ns is None else self._ego.pose_at(ready_ns)
 
-    def motion_covariance(self, t0_ns: int, t1_ns: int) -> Float64Array:
-        """Return what the motion between two times adds to the errors of (x, y, z, yaw)."""
-        return self._ego.relative_covariance(t0_ns, t1_ns).covariance_xyz_yaw
+    def motion_covariance(self, before: UncertainPose, after: UncertainPose) -> Float64Array:
+        """Return what the motion adds to the errors of (x, y, z, yaw).
+
+        After a silence longer than the filter's history all of the later pose's error.
+        """
+        try:
+            motion = self._ego.relative_covariance(before.t_ns, after.t_ns)
+        except MappingError:
+            return upright_covariance(after)
+        return motion.covariance_xyz_yaw
 
     def correct(self, alignment: Alignment) -> None:
         """Take what the map says of a pose that `at` gave."""

@@ -16,6 +16,9 @@ Float64Array = NDArray[np.float64]
 _STEP_M = 0.05
 _STEP_RAD = 0.05
 _STEP_NS = 1_000_000_000
+# Without depth frames for so long, in stream time, motions are told all the same: the filter
+# forgets its states after a few seconds.
+_OVERDUE_NS = 2_500_000_000
 
 
 class MotionTracker:
@@ -23,11 +26,17 @@ class MotionTracker:
 
     Args:
         poses: asked for the covariance of each motion.
+        with_covariance: whether anybody wants it; zeros otherwise.
     """
 
-    def __init__(self, poses: PoseSource) -> None:
+    def __init__(self, poses: PoseSource, *, with_covariance: bool) -> None:
         self._poses = poses
+        self._with_covariance = with_covariance
         self._last: UncertainPose | None = None
+
+    def is_overdue(self, now_ns: int) -> bool:
+        """Tell whether it is long since the last motion."""
+        return self._last is not None and now_ns - self._last.t_ns > _OVERDUE_NS
 
     def step(self, pose: UncertainPose) -> RelativeMotion | None:
         """Return the motion since the last one; None while it is too short to be told."""
@@ -42,10 +51,13 @@ class MotionTracker:
         if since_ns <= 0 or not (moved or since_ns >= _STEP_NS):
             return None
         self._last = pose
+        covariance = np.zeros((4, 4))
+        if self._with_covariance:
+            covariance = self._poses.motion_covariance(last, pose)
         return RelativeMotion(
             t_ns=pose.t_ns,
             position_m=pose.transform.translation_m,
             yaw_rad=0.0,
-            covariance=self._poses.motion_covariance(last.t_ns, pose.t_ns),
+            covariance=covariance,
             distance_m=way_m if way_m >= _STEP_M else 0.0,
         )

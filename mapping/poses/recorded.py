@@ -58,8 +58,8 @@ class RecordedPoses:
 
     def motion_covariance(
         self,
-        t0_ns: int,  # noqa: ARG002 - part of the protocol
-        t1_ns: int,  # noqa: ARG002
+        before: UncertainPose,  # noqa: ARG002 - part of the protocol
+        after: UncertainPose,  # noqa: ARG002
     ) -> Float64Array:
         """Return zeros: no pose hangs on the one before it."""
         return np.zeros((4, 4))

@@ -61,8 +61,8 @@ class PoseSource(Protocol):
     def latest(self) -> UncertainPose | None:
         """The last pose that is final, of a source whose errors grow with motion; else None."""
 
-    def motion_covariance(self, t0_ns: int, t1_ns: int) -> Float64Array:
-        """Return (4, 4) of the error of (x, y, z, yaw) of the motion between two times.
+    def motion_covariance(self, before: UncertainPose, after: UncertainPose) -> Float64Array:
+        """Return (4, 4) of the error of (x, y, z, yaw) of the motion between two poses.
 
         In axes of T: m^2, m rad, rad^2; zeros where the source does not tell.
         """
