@@ -45,7 +45,7 @@ from simulation.terrain.analytic import AnalyticTerrain, crater_field
 Float64Array = NDArray[np.float64]
 
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-_PERIOD_S = 0.1
+PERIOD_S = 0.1
 _CORRELATION_S = 0.3
 _TILT_RAD = math.radians(0.3)
 _HEIGHT_M = 0.003
@@ -55,9 +55,9 @@ _LAPS = 2.0
 _RADIUS_M = 1.2
 _MIDDLE_M = (3.0, 0.0, 0.8)
 # Ends of the classes; the range is that from the nearest place of the track.
-_SLOPES_DEG = (5.0, 10.0, 20.0)
+SLOPES_DEG = (5.0, 10.0, 20.0)
 _RANGES_M = (0.8, 1.5, 2.5)
-_CAMERA = CameraIntrinsics(64, 48, 58.0, 58.0, 31.5, 23.5)
+CAMERA = CameraIntrinsics(64, 48, 58.0, 58.0, 31.5, 23.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,7 @@ def pooled(judged: Sequence[Judged]) -> dict[str, Accuracy]:
     naive = accuracy(joined("naive_error_m"), joined("naive_sigma_m"))
     rows = {"all": accuracy(error, sigma), "naive": naive}
     for title, name, ends, unit in (
-        ("slope", "slope_deg", _SLOPES_DEG, "deg"),
+        ("slope", "slope_deg", SLOPES_DEG, "deg"),
         ("range", "range_m", _RANGES_M, "m"),
     ):
         for label, cells in classes(joined(name), ends, unit).items():
@@ -144,7 +144,7 @@ def _naive(noise: DepthNoiseModel) -> Mapper:
     return Mapper(settings, replace(noise, bias_sigma_quadratic_per_m=0.0))
 
 
-def _nominal(share: float) -> tuple[Float64Array, Float64Array]:
+def nominal(share: float) -> tuple[Float64Array, Float64Array]:
     """Return where the rover believes the camera to be: rotation and position."""
     turn = 2.0 * math.pi * _LAPS * share
     around = _RADIUS_M * np.array([math.cos(turn), math.sin(turn), 0.0])
@@ -158,23 +158,23 @@ def _drive(
     """Give the poses that the rover believes in, and what its camera sees from the true ones."""
     sigma = np.array([0.0, 0.0, _HEIGHT_M, _TILT_RAD, _TILT_RAD, 0.0])
     covariance = frozen_array(np.diag(sigma**2), (6, 6))
-    keep = math.exp(-_PERIOD_S / _CORRELATION_S)
+    keep = math.exp(-PERIOD_S / _CORRELATION_S)
     bias = _BIAS_PER_M * constant[3]
     crooked = Rotation.from_rotvec(_MOUNT_RAD * constant[:3]).as_matrix()
     error = sigma * random.standard_normal(6)
     for number in range(frames):
         error = keep * error + math.sqrt(1.0 - keep**2) * sigma * random.standard_normal(6)
-        rotation, position = _nominal(number / frames)
+        rotation, position = nominal(number / frames)
         true_rotation = Rotation.from_rotvec(-error[3:]).as_matrix() @ rotation @ crooked
-        z_m, angle = trace(terrain, _CAMERA, position - error[:3], true_rotation, 4.5)
+        z_m, angle = trace(terrain, CAMERA, position - error[:3], true_rotation, 4.5)
         biased = np.where(z_m > 0.0, z_m + bias * z_m**2, 0.0)
         depth = noisy_depth_mm(biased, angle, random)
-        t_ns = round(number * _PERIOD_S * 1e9)
+        t_ns = round(number * PERIOD_S * 1e9)
         quat = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
         pose = PoseSample(
             t_ns, frozen_array(position, (3,)), frozen_array(quat, (4,)), covariance, number
         )
-        yield pose, DepthFrame(t_ns, depth, _CAMERA, number)
+        yield pose, DepthFrame(t_ns, depth, CAMERA, number)
 
 
 def _judge(terrain: AnalyticTerrain, honest: Mapper, naive: Mapper, frames: int) -> Judged:
@@ -182,7 +182,7 @@ def _judge(terrain: AnalyticTerrain, honest: Mapper, naive: Mapper, frames: int)
     x, y = np.meshgrid(map_.x_m, map_.y_m)
     truth = terrain.height_m(x, y)
     counted = np.isin(map_.state, CONFIRMED) & ~edge_cells(truth, 1.2 * map_.resolution_m)
-    track = np.array([_nominal(n / frames)[1][:2] for n in range(0, frames, 10)])
+    track = np.array([nominal(n / frames)[1][:2] for n in range(0, frames, 10)])
     far_x, far_y = (axis[counted][:, np.newaxis] for axis in (x, y))
     away = np.hypot(far_x - track[:, 0], far_y - track[:, 1])
     # Both maps saw the same frames: their rectangles are the same.
