@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from mapping.cells import relief_kernels, update_kernels
 from mapping.cells.elevation_map import read_out
 from mapping.cells.grid import GrowingGrid
 from mapping.cells.update_constants import fusion_constants
+from mapping.change import overhang, own_body, visibility
+from mapping.change.visibility import clear_seen_through, sight_of
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.ground import fill_kernels, layer_kernels
 from mapping.ground.fill import fill_gaps
@@ -24,6 +27,9 @@ _ENTRY_POINTS = (
     measurement_kernels.ranges_from_millimetres,
     measurement_kernels.accumulate,
     update_kernels.fuse,
+    own_body.drop_readings,
+    overhang.drop_readings,
+    visibility.look_through,
     relief_kernels.surrounding_relief,
     layer_kernels.plane_layers,
     layer_kernels.step_heights,
@@ -35,16 +41,34 @@ _ENTRY_POINTS = (
 
 def kernels_are_cached() -> bool:
     """Tell whether the mapping kernels were compiled earlier by this installation."""
-    return all(_has_index(kernel) for kernel in _ENTRY_POINTS)
+    return all(any(map(_is_newer, _indices(kernel))) for kernel in _ENTRY_POINTS)
 
 
-def _has_index(kernel: object) -> bool:
-    """Look for numba's index file of a kernel, newer than the kernel's source."""
+def _indices(kernel: object) -> list[tuple[Path, Path]]:
+    """Return numba's index files of a kernel, each with the kernel's source."""
     function = kernel.py_func  # type: ignore[attr-defined] # numba has no type information
     folder = Path(kernel.stats.cache_path)  # type: ignore[attr-defined]
     source = Path(function.__code__.co_filename)
     pattern = f"{source.stem}.{function.__name__}-*.nbi"
-    return any(index.stat().st_mtime >= source.stat().st_mtime for index in folder.glob(pattern))
+    return [(index, source) for index in folder.glob(pattern)]
+
+
+def _is_newer(pair: tuple[Path, Path]) -> bool:
+    index, source = pair
+    return index.stat().st_mtime >= source.stat().st_mtime
+
+
+def _note_use() -> None:
+    """Give the index files the time of now, where that is permitted.
+
+    numba goes by the content of the source: an index that is older than its source, as after a
+    checkout, may have served all the same.
+    """
+    for kernel in _ENTRY_POINTS:
+        for pair in _indices(kernel):
+            if not _is_newer(pair):
+                with contextlib.suppress(PermissionError):
+                    pair[0].touch()
 
 
 def compile_kernels() -> None:
@@ -55,11 +79,16 @@ def compile_kernels() -> None:
     looking_down = RigidTransform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]))
     view = View(UncertainPose(0, looking_down, np.zeros((6, 6))), looking_down)
     reducer.load(np.full((12, 16), 1000, np.uint16))
+    own_body.drop_own_body(reducer.readings, [(5.0, 5.0, 5.0, 6.0, 6.0, 6.0)], looking_down)
     grid = GrowingGrid(settings)
     window = grid.prepare(reducer.footprint(view), 0.0, 0.0)
     sums, _ = reducer.reduce(view, window)
     constants = reducer.frame_constants(view, window, grid.position(window))
+    overhang.drop_overhangs(reducer.readings, view, constants, grid.layers, settings)
+    sight = sight_of(camera, NGUYEN_2012, view, 1)
+    clear_seen_through(np.full((12, 16), 1000, np.uint16), sums, constants, sight, grid.layers)
     update_kernels.fuse(sums, constants, fusion_constants(settings), grid.layers)
     map_ = read_out(grid, settings, {})
     derive(map_)
     fill_gaps(map_, settings.resolution_m)
+    _note_use()

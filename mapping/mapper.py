@@ -5,18 +5,27 @@ Only sensor time enters. Live and offline differ in where the samples come from,
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from acquisition.messages.codec import Recordable
-from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, MOCAP_BODY_FRAME, StaticTransforms
+from acquisition.messages.frames import (
+    BASE_FRAME,
+    DEPTH_OPTICAL_FRAME,
+    MOCAP_BODY_FRAME,
+    StaticTransforms,
+)
 from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
 from mapping.cells.elevation_map import ElevationMap, read_out
-from mapping.cells.grid import make_grid
-from mapping.cells.update_constants import fusion_constants
+from mapping.cells.grid import Grid, make_grid
+from mapping.cells.update_constants import FrameConstants, fusion_constants
 from mapping.cells.update_kernels import fuse
+from mapping.change.overhang import drop_overhangs
+from mapping.change.own_body import drop_own_body
+from mapping.change.visibility import clear_seen_through, sight_of
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
-from mapping.measurement import FrameReducer, View
+from mapping.measurement import Float64Array, FrameReducer, View
 from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
 from mapping.pose_track import PoseTrack
@@ -34,10 +43,12 @@ class MapperCounts:
         frames: depth frames mapped.
         frames_without_pose: depth frames left out because no pose surrounds their time.
         poses, poses_out_of_order: poses taken; poses left out because they came out of order.
-        readings: valid depth readings of the mapped frames.
+        readings: valid depth readings of the mapped frames, without those dropped (below).
         readings_outside: readings of them that fell outside the grid.
         updates: cell updates. rejected: those that went to a second hypothesis. replaced: second
-            hypotheses that took over.
+            hypotheses that took over. cleared: cells forgotten because rays passed through them.
+        readings_own_body: readings dropped because they hit the rover itself.
+        readings_overhanging: readings dropped because they hit what hangs high above the ground.
     """
 
     frames: int = 0
@@ -49,13 +60,18 @@ class MapperCounts:
     updates: int = 0
     rejected: int = 0
     replaced: int = 0
+    cleared: int = 0
+    readings_own_body: int = 0
+    readings_overhanging: int = 0
 
 
 class Mapper:
     """Fuses depth frames, seen from known poses, into a grid."""
 
-    def __init__(self, settings: MapSettings, noise: DepthNoiseModel) -> None:
-        """Start with an empty map.
+    def __init__(
+        self, settings: MapSettings, noise: DepthNoiseModel, grid: Grid | None = None
+    ) -> None:
+        """Start with an empty map, or with a grid that knows cells already.
 
         Raises:
             MappingError: the ranges of settings and noise model have nothing in common.
@@ -63,7 +79,7 @@ class Mapper:
         self.settings = settings
         self.noise = _within_both_ranges(settings, noise)
         self.counts = MapperCounts()
-        self._grid = make_grid(settings)
+        self._grid = grid or make_grid(settings)
         self._fusion = fusion_constants(settings)
         self._poses = PoseTrack(round(settings.pose_gap_max_s * 1e9))
         self._mounts = MountTree()
@@ -88,10 +104,15 @@ class Mapper:
         self._map_ready_frames(sample.t_ns)
 
     def finish(self) -> None:
-        """Map the frames that can be mapped and count the rest; the stream is over."""
+        """Map the frames that can be mapped and count the rest; the stream is over.
+
+        Raises:
+            MappingError: as `add`, or the grid cannot be saved.
+        """
         waiting, self._waiting = self._waiting, []
         for frame in waiting:
             self._map_or_count(frame)
+        self._grid.save()
 
     def elevation_map(self, attributes: dict[str, str | int | float] | None = None) -> ElevationMap:
         """Return the map as it is now.
@@ -101,7 +122,15 @@ class Mapper:
         """
         if self.counts.frames == 0:
             raise MappingError(self._why_nothing())
-        return read_out(self._grid, self.settings, attributes or {})
+        return self.read_map(attributes or {})
+
+    def read_map(self, attributes: Mapping[str, str | int | float]) -> ElevationMap:
+        """Return the map as it is now, however few frames it has seen.
+
+        Raises:
+            MappingError: no reading has reached the map.
+        """
+        return read_out(self._grid, self.settings, attributes)
 
     def _map_ready_frames(self, now_ns: int) -> None:
         """Map waiting frames that a pose at or after their time, or patience, has released.
@@ -129,11 +158,13 @@ class Mapper:
         reducer = self._reducer_for(frame.camera)
         mount = self._mounts.lookup(MOCAP_BODY_FRAME, DEPTH_OPTICAL_FRAME)
         view = View(pose, pose.transform @ mount)
-        readings = reducer.load(frame.depth_mm)
+        readings = reducer.load(frame.depth_mm) - self._drop_own_body(reducer)
         rover_x_m, rover_y_m, _ = pose.transform.translation_m
         window = self._grid.prepare(reducer.footprint(view), rover_x_m, rover_y_m)
-        sums, inside = reducer.reduce(view, window)
         constants = reducer.frame_constants(view, window, self._grid.position(window))
+        readings -= self._drop_overhangs(reducer, view, constants)
+        sums, inside = reducer.reduce(view, window)
+        self._clear_seen_through(frame, view, sums, constants)
         result = fuse(sums, constants, self._fusion, self._grid.layers)
         self.counts.frames += 1
         self.counts.readings += readings
@@ -141,6 +172,35 @@ class Mapper:
         self.counts.updates += result.cells
         self.counts.rejected += result.rejected
         self.counts.replaced += result.replaced
+
+    def _drop_own_body(self, reducer: FrameReducer) -> int:
+        """Drop what hits the rover itself; return how many readings."""
+        if not self.settings.body_boxes_m:
+            return 0
+        mount = self._mounts.lookup(BASE_FRAME, DEPTH_OPTICAL_FRAME)
+        dropped = drop_own_body(reducer.readings, self.settings.body_boxes_m, mount)
+        self.counts.readings_own_body += dropped
+        return dropped
+
+    def _drop_overhangs(self, reducer: FrameReducer, view: View, constants: FrameConstants) -> int:
+        """Drop what hangs high above the ground; return how many readings."""
+        if self.settings.overhang_clearance_m == 0.0:
+            return 0
+        layers = self._grid.layers
+        dropped = drop_overhangs(reducer.readings, view, constants, layers, self.settings)
+        self.counts.readings_overhanging += dropped
+        return dropped
+
+    def _clear_seen_through(
+        self, frame: DepthFrame, view: View, sums: Float64Array, constants: FrameConstants
+    ) -> None:
+        """Forget cells that this frame, as others before it, has looked through."""
+        limit = self.settings.seen_through_frames
+        if limit:
+            sight = sight_of(frame.camera, self.noise, view, limit)
+            self.counts.cleared += clear_seen_through(
+                frame.depth_mm, sums, constants, sight, self._grid.layers
+            )
 
     def _reducer_for(self, camera: CameraIntrinsics) -> FrameReducer:
         if self._reducer is None or self._reducer.camera != camera:

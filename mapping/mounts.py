@@ -30,17 +30,13 @@ class MountTree:
             self._neighbours.setdefault(parent, {})[child] = to_parent
             self._neighbours.setdefault(child, {})[parent] = to_parent.inverse()
 
-    def knows(self, target: str, source: str) -> bool:
-        """Tell whether `lookup` has an answer."""
-        return source in self._reached(target, source)
-
     def lookup(self, target: str, source: str) -> RigidTransform:
         """Return T_target_source: coordinates in `source` to coordinates in `target`.
 
         Raises:
             MappingError: the recording does not connect the two frames.
         """
-        reached = self._reached(target, source)
+        reached = self._reach(target, source)
         if source not in reached:
             known = ", ".join(sorted(self._neighbours)) or "none"
             raise MappingError(
@@ -49,8 +45,12 @@ class MountTree:
             )
         return reached[source]
 
-    def _reached(self, target: str, source: str) -> dict[str, RigidTransform]:
-        """Return T_target_frame of the frames on the way to `source`, itself included if known."""
+    def connects(self, target: str, source: str) -> bool:
+        """Tell whether the recording connects two frames."""
+        return source in self._reach(target, source)
+
+    def _reach(self, target: str, source: str) -> dict[str, RigidTransform]:
+        """Return T_target_frame of the frames that are found on the way to `source`."""
         reached = {target: RigidTransform.identity()}
         queue = [target]
         while queue and source not in reached:

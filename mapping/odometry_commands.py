@@ -73,7 +73,6 @@ def add_comparison_arguments(parser: argparse.ArgumentParser) -> None:
         default="start",
         help="odometry: how the trajectories are put together (start)",
     )
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="odometry: draw into DIR")
 
 
 def compare_trajectories(options: argparse.Namespace, console: Console) -> int:

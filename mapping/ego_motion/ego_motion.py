@@ -236,7 +236,7 @@ class EgoMotion:
     def _to_base(self, frame: str) -> Float64Array:
         """Return C_R_sensor; a sensor without a mount has base_link's axes."""
         if frame not in self._axes:
-            known = self._mounts.knows(BASE_FRAME, frame)
+            known = self._mounts.connects(BASE_FRAME, frame)
             self._axes[frame] = (
                 self._mounts.lookup(BASE_FRAME, frame).rotation if known else np.eye(3)
             )

@@ -154,7 +154,7 @@ def _read_recording(path: Path) -> Path3D:
     if not samples:
         raise MappingError(f"{path} holds no pose; give a recording with motion capture")
     to_base = RigidTransform.identity()
-    if mounts.knows(MOCAP_BODY_FRAME, BASE_FRAME):
+    if mounts.connects(MOCAP_BODY_FRAME, BASE_FRAME):
         to_base = mounts.lookup(MOCAP_BODY_FRAME, BASE_FRAME)
     newest, poses, t_ns = -1, [], []
     for sample in samples:
