@@ -220,7 +220,7 @@ def _move(
     _row_steps(p, a, d)
     _row_steps(p.T, a, d)
     _row_steps(phi, a, d)
-    _noise(p, held, v, sy, cy, d, dt, c)
+    _noise(p, held, v, x[SLIP], sy, cy, d, dt, c)
 
 
 @njit(inline="always")
@@ -228,6 +228,7 @@ def _noise(
     p: Float64Array,
     held: Float64Array,
     v: float,
+    slip: float,
     sy: float,
     cy: float,
     d: Float64Array,
@@ -253,7 +254,8 @@ def _noise(
         p[FORCE_ERROR, FORCE_ERROR] += c.force_walk * c.force_walk * dt
     p[GYRO_BIAS, GYRO_BIAS] += c.gyro_bias_walk * c.gyro_bias_walk * dt
     p[WHEEL_SCALE, WHEEL_SCALE] += c.wheel_scale_walk * c.wheel_scale_walk * dt
-    p[SLIP, SLIP] += (1.0 - d[SLIP] * d[SLIP]) * c.slip * c.slip
+    # Wheels that slip by half may grip again at any moment, or go on.
+    p[SLIP, SLIP] += (1.0 - d[SLIP] * d[SLIP]) * (c.slip * c.slip + slip * slip)
     fresh = 1.0 - d[ROLL_ERROR] * d[ROLL_ERROR]
     p[ROLL_ERROR, ROLL_ERROR] += fresh * held[4]
     p[PITCH_ERROR, PITCH_ERROR] += fresh * held[5]
@@ -347,7 +349,6 @@ def _wheels(
             break
         result = SURPRISED
         p[SLIP, SLIP] += c.slip_surprise * c.slip_surprise
-        p[SPEED, SPEED] += (c.slip_surprise * value[0]) ** 2
     _scalar(
         x, p, phi, TURN, 1.0 + x[TRACK_ERROR], TRACK_ERROR, x[TURN], -1, 0.0,
         value[2] - x[TURN] * (1.0 + x[TRACK_ERROR]), value[3], c.gate_nis,

@@ -74,12 +74,12 @@ def test_relative_errors_by_hand() -> None:
 
 
 def test_nees_is_one_for_errors_of_one_sigma() -> None:
-    true = path(21)
+    true = path(401)
     sigma = np.array([0.01, 0.02, 0.03, 0.05])
-    covariance = np.zeros((21, 6, 6))
+    covariance = np.zeros((401, 6, 6))
     covariance[:, [0, 1, 2, 5], [0, 1, 2, 5]] = sigma**2
-    shift = np.vstack([np.zeros(3), np.tile(sigma[:3], (20, 1))])
-    turn = about_z(np.r_[0.0, np.full(20, sigma[3])])
+    shift = np.vstack([np.zeros(3), np.tile(sigma[:3], (400, 1))])
+    turn = about_z(np.r_[0.0, np.full(400, sigma[3])])
     estimate = Path3D("e", true.t_ns, true.position_m + shift, turn * true.rotation, covariance)
     scores = evaluate_odometry(estimate, true)
     np.testing.assert_allclose(scores.nees_values[1:], 1.0, rtol=1e-4)
