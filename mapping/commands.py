@@ -248,9 +248,7 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.txt",
         help="with --truth: the poses that the map was made with, where they are not the true ones",
     )
-    parser.add_argument(
-        "--figures", type=Path, metavar="DIR", help="with --truth or odometry: draw into DIR"
-    )
+    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw into DIR")
     parser.add_argument("--json", action="store_true")
     add_comparison_arguments(parser)
 

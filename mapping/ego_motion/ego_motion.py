@@ -3,34 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from acquisition.messages.codec import Recordable
-from acquisition.messages.frames import (
-    ACCELEROMETER_FRAME,
-    BASE_FRAME,
-    GYRO_FRAME,
-    MOCAP_BODY_FRAME,
-    VIBRATION_FRAME,
-    WHEELS_FRAME,
-    StaticTransforms,
-)
-from drivers.samples import (
-    AccelerationSample,
-    PoseSample,
-    VibrationSample,
-    WheelTwistSample,
-    YawRateSample,
-)
-from drivers.vibration.acceleration import acceleration_m_s2
+from acquisition.messages.frames import BASE_FRAME, MOCAP_BODY_FRAME, StaticTransforms
+from drivers.samples import PoseSample
 from mapping.ego_motion.events import EgoEvent
 from mapping.ego_motion.filter import PoseFilter, PoseMeasurement
 from mapping.ego_motion.front_end import FrontEnd
+from mapping.ego_motion.intake import Intake, Reading
 from mapping.ego_motion.relative import RelativeMotion, relative_motion
-from mapping.ego_motion.sample_queue import SampleQueue
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.ego_motion.tilt import from_pose, rotation_jacobian, to_pose
 from mapping.errors import MappingError
@@ -64,8 +48,8 @@ class EgoMotion:
         self.settings = settings or EgoMotionSettings()
         self._start = start
         self._mounts = MountTree()
-        self._axes: dict[str, Float64Array] = {}
         self._front = FrontEnd(self.settings)
+        self._intake = Intake(self.settings, self._mounts, self._front)
         self._filter: PoseFilter | None = None
         self._early: list[PoseMeasurement] = []
         self._newest_ns: int | None = None
@@ -73,14 +57,6 @@ class EgoMotion:
         self._processed_ns = 0
         self._jumps = 0
         self._has_place = not self.settings.use_external_poses
-        self._handlers: dict[type, Callable[[Any], None]] = {
-            StaticTransforms: self._add_mounts,
-            AccelerationSample: self._add_acceleration,
-            VibrationSample: self._add_vibration,
-            YawRateSample: self._add_rate,
-            WheelTwistSample: self._add_wheels,
-            PoseSample: self._add_pose,
-        }
 
     @property
     def events(self) -> Sequence[EgoEvent]:
@@ -98,11 +74,19 @@ class EgoMotion:
         Raises:
             MappingError: a mount is no pose, or external poses cannot be related to base_link.
         """
-        handler = self._handlers.get(type(sample))
-        if handler is not None:
-            handler(sample)
-        elif self._first_ns is not None:
-            self._see(sample.t_ns)
+        if isinstance(sample, StaticTransforms):
+            self._mounts.add(sample.transforms)
+            self._intake.forget_mounts()
+            return
+        reading = self._intake.reading(sample)
+        if reading is None and self._first_ns is None and not isinstance(sample, PoseSample):
+            return
+        if not self._see(sample.t_ns):
+            return
+        if reading is not None:
+            self._take(reading)
+        elif isinstance(sample, PoseSample) and self.settings.use_external_poses:
+            self._add_pose(sample)
         if self._newest_ns is not None:
             self._run(self._newest_ns - round(1e9 * self.settings.reorder_window_s))
 
@@ -209,17 +193,13 @@ class EgoMotion:
             self._newest_ns = t_ns
         return True
 
-    def _take(
-        self, queue: SampleQueue, t_ns: int, values: tuple[float, ...], delay_s: float, what: str
-    ) -> None:
+    def _take(self, reading: Reading) -> None:
         """Put a measurement of motion where it belongs."""
+        queue, t_ns, values, what = reading
         if not all(map(math.isfinite, values)):
             text = f"{what} holds a number that is not finite; left out"
             self._front.watch.tell(t_ns, "bad_sample", text)
             return
-        if not self._see(t_ns):
-            return
-        t_ns -= round(delay_s * 1e9)
         if self._filter is None:
             self._first_ns = t_ns if self._first_ns is None else min(t_ns, self._first_ns)
         if not queue.add(t_ns, values):
@@ -229,85 +209,7 @@ class EgoMotion:
         text = f"{what} came later than the reorder window allows; left out"
         self._front.watch.tell(t_ns, "late_sample", text)
 
-    def _add_mounts(self, message: StaticTransforms) -> None:
-        self._mounts.add(message.transforms)
-        self._axes.clear()
-
-    def _to_base(self, frame: str) -> Float64Array:
-        """Return C_R_sensor; a sensor without a mount has base_link's axes."""
-        if frame not in self._axes:
-            known = self._mounts.connects(BASE_FRAME, frame)
-            self._axes[frame] = (
-                self._mounts.lookup(BASE_FRAME, frame).rotation if known else np.eye(3)
-            )
-        return self._axes[frame]
-
-    def _add_acceleration(self, sample: AccelerationSample) -> None:
-        force = self._to_base(ACCELEROMETER_FRAME) @ sample.acceleration_m_s2
-        self._take(
-            self._front.force,
-            sample.t_ns,
-            tuple(force.tolist()),
-            self.settings.acceleration_delay_s,
-            "an acceleration",
-        )
-
-    def _add_rate(self, sample: YawRateSample) -> None:
-        upright = self._to_base(GYRO_FRAME)[2, 2]
-        self._take(
-            self._front.gyro,
-            sample.t_ns,
-            (sample.rate_rad_s / upright,),
-            self.settings.gyro_delay_s,
-            "a yaw rate",
-        )
-
-    def _add_wheels(self, sample: WheelTwistSample) -> None:
-        forward = math.copysign(1.0, self._to_base(WHEELS_FRAME)[0, 0])
-        self._take(
-            self._front.wheels,
-            sample.t_ns,
-            (
-                forward * sample.speed_m_s,
-                sample.speed_sigma_m_s,
-                sample.yaw_rate_rad_s,
-                sample.yaw_rate_sigma_rad_s,
-            ),
-            self.settings.wheels_delay_s,
-            "a wheel twist",
-        )
-
-    def _add_vibration(self, sample: VibrationSample) -> None:
-        if sample.statistic == "instantaneous":
-            if sample.quantity == "acceleration":
-                force = self._to_base(VIBRATION_FRAME) @ sample.amplitude
-                self._take(
-                    self._front.force,
-                    sample.t_ns,
-                    tuple(force.tolist()),
-                    self.settings.acceleration_delay_s,
-                    "an acceleration",
-                )
-            return
-        peak = acceleration_m_s2(
-            sample.amplitude, sample.frequency_hz, sample.quantity, sample.statistic
-        )
-        if np.isnan(peak).all():
-            return  # nothing but codes for "no value"
-        strongest = int(np.nanargmax(peak))
-        rms = math.sqrt(0.5 * float(np.nansum(peak**2)))
-        speed = float(sample.frequency_hz[strongest]) * self.settings.vibration_m_per_cycle
-        self._take(
-            self._front.vibration,
-            sample.t_ns,
-            (rms, speed),
-            self.settings.vibration_delay_s,
-            "a vibration",
-        )
-
     def _add_pose(self, sample: PoseSample) -> None:
-        if not self._see(sample.t_ns) or not self.settings.use_external_poses:
-            return
         body = RigidTransform.from_quat_wxyz(sample.position_m, sample.quat_wxyz)
         base = body @ self._mounts.lookup(MOCAP_BODY_FRAME, BASE_FRAME)
         self._correct(sample.t_ns, base, sample.covariance, gated=self._has_place)

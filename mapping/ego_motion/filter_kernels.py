@@ -53,6 +53,8 @@ Int64Array = NDArray[np.int64]
 
 # Outcomes of a row.
 TAKEN, SURPRISED, LEFT_OUT = range(3)
+# A tilt whose variance falls below this share from tick to tick was lost and is found again.
+_FOUND_AGAIN = 0.1
 
 
 class FilterConstants(NamedTuple):
@@ -152,6 +154,7 @@ def run(
                 x, p, phi, held, seconds, rows.poses[which], rows.pose_covariances[which], gate
             )
         else:
+            _take_tilt(x, p, phi, held, value)
             held[:] = value
             tick_ns = t_ns
             _standstill(x, p, phi, held, c)
@@ -197,6 +200,8 @@ def _move(
     a[2] = (0.0, -sp * dt, v * cp * dt, 0.0)
     # The rate of the levelled pitch has the rate of its error in it; by parts this is the change
     # of tan r times that error.
+    rate = (held[3] * sr / cr + x[TURN] / cr) / cp
+    a[2, 3] = -rate * sp / cp * dt  # of the yaw, by the pitch
     a[3] = (dt / (cr * cp), -steep / cp * dt, held[2] / (cr * cr * cp) * dt, 0.0)
     d = np.ones(SIZE)
     # A walk of density q, pulled back with time tau, stays within sqrt(q tau / 2).
@@ -207,7 +212,7 @@ def _move(
     x[X] += v * cp * cy * dt
     x[Y] += v * cp * sy * dt
     x[Z] -= v * sp * dt
-    x[YAW] += (held[3] * sr / cr + x[TURN] / cr) / cp * dt
+    x[YAW] += rate * dt
     x[SPEED] += (held[7] - x[FORCE_ERROR]) * dt if held[10] > 0.0 else held[7] * dt
     a[3, 3] = dt if held[10] > 0.0 else 0.0  # of the speed, by the force at rest
     for i in range(SIZE):
@@ -215,7 +220,7 @@ def _move(
     _row_steps(p, a, d)
     _row_steps(p.T, a, d)
     _row_steps(phi, a, d)
-    _noise(p, held, v, sy, cy, d, dt, c)
+    _noise(p, held, v, x[SLIP], sy, cy, d, dt, c)
 
 
 @njit(inline="always")
@@ -223,6 +228,7 @@ def _noise(
     p: Float64Array,
     held: Float64Array,
     v: float,
+    slip: float,
     sy: float,
     cy: float,
     d: Float64Array,
@@ -248,7 +254,8 @@ def _noise(
         p[FORCE_ERROR, FORCE_ERROR] += c.force_walk * c.force_walk * dt
     p[GYRO_BIAS, GYRO_BIAS] += c.gyro_bias_walk * c.gyro_bias_walk * dt
     p[WHEEL_SCALE, WHEEL_SCALE] += c.wheel_scale_walk * c.wheel_scale_walk * dt
-    p[SLIP, SLIP] += (1.0 - d[SLIP] * d[SLIP]) * c.slip * c.slip
+    # Wheels that slip by half may grip again at any moment, or go on.
+    p[SLIP, SLIP] += (1.0 - d[SLIP] * d[SLIP]) * (c.slip * c.slip + slip * slip)
     fresh = 1.0 - d[ROLL_ERROR] * d[ROLL_ERROR]
     p[ROLL_ERROR, ROLL_ERROR] += fresh * held[4]
     p[PITCH_ERROR, PITCH_ERROR] += fresh * held[5]
@@ -266,6 +273,7 @@ def _row_steps(m: Float64Array, a: Float64Array, d: Float64Array) -> None:
             a[3, 0] * m[TURN, k]
             + a[3, 1] * (m[ROLL_ERROR, k] + m[ROLL_BIAS, k])
             + a[3, 2] * m[PITCH_ERROR, k]
+            + a[2, 3] * tilt
         )
         m[SPEED, k] = (m[SPEED, k] - a[3, 3] * m[FORCE_ERROR, k]) * d[SPEED]
         m[TURN, k] *= d[TURN]
@@ -341,12 +349,28 @@ def _wheels(
             break
         result = SURPRISED
         p[SLIP, SLIP] += c.slip_surprise * c.slip_surprise
-        p[SPEED, SPEED] += (c.slip_surprise * value[0]) ** 2
     _scalar(
         x, p, phi, TURN, 1.0 + x[TRACK_ERROR], TRACK_ERROR, x[TURN], -1, 0.0,
         value[2] - x[TURN] * (1.0 + x[TRACK_ERROR]), value[3], c.gate_nis,
     )  # fmt: skip
     return result, nis
+
+
+@njit(inline="always")
+def _take_tilt(
+    x: Float64Array, p: Float64Array, phi: Float64Array, held: Float64Array, value: Float64Array
+) -> None:
+    """Begin the tilt's errors anew where a tilt that was lost is found again."""
+    for axis in range(2):
+        if value[4 + axis] < _FOUND_AGAIN * held[4 + axis]:
+            _renew(x, p, phi, ROLL_ERROR + axis, value[4 + axis])
+
+
+@njit(inline="always")
+def _renew(x: Float64Array, p: Float64Array, phi: Float64Array, i: int, variance: float) -> None:
+    """Let a state be a new draw that has nothing to do with what was before."""
+    phi[i, :] = p[i, :] = p[:, i] = x[i] = 0.0
+    p[i, i] = variance
 
 
 @njit(inline="always")
@@ -357,8 +381,7 @@ def _standstill(
     if held[6] == 0.0:
         return
     # The next departure refers to this rest: an error of its own.
-    phi[FORCE_ERROR, :] = p[FORCE_ERROR, :] = p[:, FORCE_ERROR] = 0.0
-    x[FORCE_ERROR], p[FORCE_ERROR, FORCE_ERROR] = 0.0, held[10]
+    _renew(x, p, phi, FORCE_ERROR, held[10])
     variance = c.zero_rate_rad_s * c.zero_rate_rad_s
     outcome, _ = _scalar(
         x, p, phi, TURN, 1.0, -1, 0.0, -1, 0.0, -x[TURN], variance, c.gate_nis

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from mapping.ego_motion.blocks import Blocks, force_blocks
 from mapping.ego_motion.filter_kernels import Int64Array
 from mapping.ego_motion.ground import GroundWatch
 from mapping.ego_motion.levelling import Levelled, level
+from mapping.ego_motion.rows import RowBatch, gyro_rows, merged, speed_rows, wheel_rows
 from mapping.ego_motion.sample_queue import SampleQueue
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.ego_motion.standstill import (
@@ -19,23 +18,16 @@ from mapping.ego_motion.standstill import (
     MotionDetector,
     Motionless,
     nothing_known,
+    vibration_level,
     without_ends,
 )
-from mapping.ego_motion.states import COLUMNS, GYRO, TICK, VIBRATION, WHEELS
+from mapping.ego_motion.states import COLUMNS, TICK
 from mapping.ego_motion.watch import HealthWatch
 from mapping.geometry import Float64Array
 
 _LEVEL_HALF_S = 0.2
 # So many ticks at a time: bounds the memory after a gap of hours.
 _MOST_TICKS = 500
-
-
-class RowBatch(NamedTuple):
-    """Rows for the filter; the last is a tick."""
-
-    t_ns: Int64Array
-    kind: Int64Array
-    values: Float64Array
 
 
 class FrontEnd:
@@ -142,16 +134,17 @@ class FrontEnd:
         values = self._tick_values(blocks, levelled, still, size)
         self.watch.judge(ticks_ns, motionless)
         start_ns, end_ns = int(ticks_ns[0]) - self._tick_ns, int(ticks_ns[-1])
+        wheels_ok = blocks.wheels_ok[self._reach : self._reach + size]
         parts = [
             (ticks_ns, TICK, values),
-            self._gyro_rows(start_ns, end_ns),
-            self._wheel_rows(start_ns, end_ns, ticks_ns, motionless.stuck),
-            self._speed_rows(ticks_ns, blocks, motionless, size),
+            gyro_rows(self._settings, self.gyro, start_ns, end_ns),
+            wheel_rows(self._settings, self.wheels, start_ns, ticks_ns, motionless.stuck),
+            speed_rows(self._settings, self.vibration, ticks_ns, motionless, wheels_ok),
         ]
         self._next_tick += size
         for queue in (self.force, self.gyro, self.wheels, self.vibration):
             queue.forget(end_ns)
-        return [_merged(parts)]
+        return [merged(parts)]
 
     def _padded(self, blocks: Blocks, size: int) -> Blocks:
         """Return blocks with empty ones in front where the recording begins."""
@@ -253,79 +246,3 @@ class FrontEnd:
             else:
                 row[:6] = [*self._last_tilt, 0.0, 0.0, *[self._settings.tilt_lost_rad**2] * 2]
         return values
-
-    def _gyro_rows(self, after_ns: int, until_ns: int) -> tuple[Int64Array, int, Float64Array]:
-        t_ns, rate = self.gyro.between(after_ns, until_ns)
-        values = np.zeros((len(t_ns), COLUMNS))
-        values[:, 0] = rate[:, 0]
-        period_s = _periods_s(self.gyro.t_ns, t_ns, 1e-4, self._settings.gyro_gap_s)
-        values[:, 1] = self._settings.gyro_noise_rad_s_per_sqrt_hz**2 / (2.0 * period_s)
-        return t_ns, GYRO, values
-
-    def _wheel_rows(
-        self, after_ns: int, until_ns: int, ticks_ns: Int64Array, stuck: BoolArray
-    ) -> tuple[Int64Array, int, Float64Array]:
-        s = self._settings
-        t_ns, twist = self.wheels.between(after_ns, until_ns)
-        values = np.zeros((len(t_ns), COLUMNS))
-        values[:, 0], values[:, 1] = twist[:, 0], twist[:, 1] ** 2
-        period_s = _periods_s(self.wheels.t_ns, t_ns, 1e-3, s.wheels_gap_s)
-        alike = np.maximum(1.0, 2.0 * s.wheel_yaw_correlation_s / period_s)
-        values[:, 2], values[:, 3] = twist[:, 2], twist[:, 3] ** 2 * alike
-        tick = np.clip(np.searchsorted(ticks_ns, t_ns), 0, len(ticks_ns) - 1)
-        values[:, 4] = ~stuck[tick]
-        return t_ns, WHEELS, values
-
-    def _speed_rows(
-        self, ticks_ns: Int64Array, blocks: Blocks, motionless: Motionless, size: int
-    ) -> tuple[Int64Array, int, Float64Array]:
-        """Return the speeds that the vibration tells, where no wheels do."""
-        s = self._settings
-        by_frequency, far = self.vibration.at(ticks_ns)
-        told = by_frequency[:, 1] if s.vibration_m_per_cycle else np.full(size, np.nan)
-        told = np.where(far < 0.5e9, told, np.nan)
-        if s.vibration_m_s2_per_m_s:
-            told = motionless.excess_m_s2 / s.vibration_m_s2_per_m_s
-        wheels_ok = blocks.wheels_ok[self._reach : self._reach + size] & ~motionless.stuck
-        chosen = np.isfinite(told) & ~wheels_ok
-        values = np.zeros((int(chosen.sum()), COLUMNS))
-        values[:, 0] = told[chosen]
-        values[:, 1] = s.vibration_speed_m_s**2 * 2.0 * s.vibration_speed_time_s / s.tick_s
-        return ticks_ns[chosen], VIBRATION, values
-
-
-def vibration_level(blocks: Blocks, half: int) -> Float64Array:
-    """Return the (N,) RMS vibration around every block, summed over the axes; NaN where unknown.
-
-    Of accelerations: the variance within and between the blocks up to `half` away; else what
-    the vibration sensor tells.
-    """
-    width = 2 * half + 1
-    some = (blocks.count > 0).astype(np.float64)
-    share = uniform_filter1d(some, width, mode="constant")
-
-    def mean(values: Float64Array) -> Float64Array:
-        total = uniform_filter1d(values * some, width, mode="constant")
-        result: Float64Array = np.full(len(total), np.nan)
-        np.divide(total, share, out=result, where=share > 0.5)
-        return result
-
-    force = blocks.force_m_s2
-    between = sum(mean(axis**2) - mean(axis) ** 2 for axis in force.T)
-    own = np.sqrt(np.maximum(mean(blocks.scatter_m2_s4) + between, 0.0))
-    return np.asarray(np.where(np.isfinite(own), own, blocks.vibration_m_s2), np.float64)
-
-
-def _periods_s(known_ns: Int64Array, t_ns: Int64Array, low: float, high: float) -> Float64Array:
-    """Return the time since the sample before each of some samples, within limits."""
-    before = np.maximum(np.searchsorted(known_ns, t_ns) - 1, 0)
-    return np.clip((t_ns - known_ns[before]) * 1e-9, low, high)
-
-
-def _merged(parts: list[tuple[Int64Array, int, Float64Array]]) -> RowBatch:
-    """Return rows in order of time and kind."""
-    t_ns = np.concatenate([part[0] for part in parts])
-    kind = np.concatenate([np.full(len(part[0]), part[1]) for part in parts])
-    values = np.concatenate([part[2] for part in parts])
-    order = np.lexsort([kind, t_ns])
-    return RowBatch(t_ns[order], kind[order], values[order])

@@ -112,7 +112,7 @@ class EgoMotionSettings:
     gyro_bias_rad_s: float = 0.02
     gyro_bias_walk_rad_s_per_sqrt_s: float = 3e-5
     gyro_gap_s: float = 0.1
-    turn_walk_rad_s2_per_sqrt_hz: float = 1.0
+    turn_walk_rad_s2_per_sqrt_hz: float = 0.3
     turn_sigma_rad_s: float = 0.5
     wheel_scale: float = 0.03
     wheel_scale_walk_per_sqrt_s: float = 0.0

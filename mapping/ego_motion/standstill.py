@@ -10,7 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
+from mapping.ego_motion.blocks import Blocks
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.geometry import Float64Array
 
@@ -144,3 +146,25 @@ def without_ends(still: BoolArray, margin: int, widest: int) -> BoolArray:
     """
     windows = np.lib.stride_tricks.sliding_window_view(still, 2 * widest + 1)
     return np.asarray(windows[:, widest - margin : widest + margin + 1].all(axis=1))
+
+
+def vibration_level(blocks: Blocks, half: int) -> Float64Array:
+    """Return the (N,) RMS vibration around every block, summed over the axes; NaN where unknown.
+
+    Of accelerations: the variance within and between the blocks up to `half` away; else what
+    the vibration sensor tells.
+    """
+    width = 2 * half + 1
+    some = (blocks.count > 0).astype(np.float64)
+    share = uniform_filter1d(some, width, mode="constant")
+
+    def mean(values: Float64Array) -> Float64Array:
+        total = uniform_filter1d(values * some, width, mode="constant")
+        result: Float64Array = np.full(len(total), np.nan)
+        np.divide(total, share, out=result, where=share > 0.5)
+        return result
+
+    force = blocks.force_m_s2
+    between = sum(mean(axis**2) - mean(axis) ** 2 for axis in force.T)
+    own = np.sqrt(np.maximum(mean(blocks.scatter_m2_s4) + between, 0.0))
+    return np.asarray(np.where(np.isfinite(own), own, blocks.vibration_m_s2), np.float64)
