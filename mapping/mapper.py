@@ -17,6 +17,7 @@ from mapping.cells.elevation_map import ElevationMap, read_out
 from mapping.cells.grid import Grid, make_grid
 from mapping.cells.update_constants import FrameConstants, fusion_constants
 from mapping.cells.update_kernels import fuse
+from mapping.change.hidden import mark_hidden
 from mapping.change.overhang import drop_overhangs
 from mapping.change.own_body import drop_own_body
 from mapping.change.visibility import clear_seen_through, sight_of
@@ -203,7 +204,7 @@ class Mapper:
         constants = reducer.frame_constants(view, window, self._grid.position(window))
         readings -= self._drop_overhangs(reducer, view, constants)
         sums, inside = reducer.reduce(view, window)
-        self._clear_seen_through(frame, view, sums, constants)
+        self._look_around(frame, view, sums, constants)
         errors = self.pose_errors
         constants = constants._replace(
             frame_m2=errors.frame_sigma_m**2,
@@ -251,16 +252,19 @@ class Mapper:
         self.counts.readings_overhanging += dropped
         return dropped
 
-    def _clear_seen_through(
+    def _look_around(
         self, frame: DepthFrame, view: View, sums: Float64Array, constants: FrameConstants
     ) -> None:
-        """Forget cells that this frame, as others before it, has looked through."""
+        """Forget cells that frames have looked through; mark those that are hidden from this."""
         limit = self.settings.seen_through_frames
         if limit:
+            layers = self._grid.layers
             sight = sight_of(frame.camera, self.noise, view, limit)
             self.counts.cleared += clear_seen_through(
-                frame.depth_mm, sums, constants, sight, self._grid.layers
+                frame.depth_mm, sums, constants, sight, layers
             )
+            readings = self._reducer_for(frame.camera).readings
+            mark_hidden(readings, view, constants, sight, layers.hidden)
 
     def _reducer_for(self, camera: CameraIntrinsics) -> FrameReducer:
         if self._reducer is None or self._reducer.camera != camera:

@@ -26,6 +26,7 @@ class CellLayers(NamedTuple):
     that row horizontal_*_m2 is what motions have added to the covariance of its place, and
     stale_m the way driven since its mean observation. The ledger says what has come since.
     seen_through: frames whose rays passed through the cell, less those with a reading in it.
+    hidden: 1 where something nearer hid the cell from a view of it; of interest until it is seen.
 
     Heights are float64: far above the origin the small steps of late updates would vanish in
     float32, whose steps are 1 mm at 10 km.
@@ -50,6 +51,7 @@ class CellLayers(NamedTuple):
     horizontal_yy_m2: Float32Array
     stale_m: Float32Array
     seen_through: NDArray[np.uint8]
+    hidden: NDArray[np.uint8]
 
 
 def empty_layers(rows: int, columns: int) -> CellLayers:
@@ -75,6 +77,7 @@ def empty_layers(rows: int, columns: int) -> CellLayers:
         horizontal_yy_m2=np.zeros(shape, np.float32),
         stale_m=np.zeros(shape, np.float32),
         seen_through=np.zeros(shape, np.uint8),
+        hidden=np.zeros(shape, np.uint8),
     )
 
 

@@ -319,6 +319,7 @@ def _flat(layers: CellLayers) -> CellLayers:
         layers.horizontal_yy_m2.reshape(-1),
         layers.stale_m.reshape(-1),
         layers.seen_through.reshape(-1),
+        layers.hidden.reshape(-1),
     )
 
 
