@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,13 @@ from mapping.poses.choice import is_aligned
 from mapping.settings import MapSettings
 
 Float64Array = NDArray[np.float64]
+
+# Parts of a map's variance that the paper does not know: 0.
+_OTHER_PARTS = tuple(
+    item.name
+    for item in fields(ElevationMap)
+    if item.name.endswith("_m2") and item.name not in {"variance_m2", "independent_m2"}
+)
 
 
 class PaperMapper(Mapper):
@@ -72,7 +81,12 @@ class PaperMapper(Mapper):
         unknown = ~seen[..., np.newaxis, np.newaxis]
         covariance = np.where(unknown, np.nan, cells.covariance_m2[box]).astype(np.float32)
         variance = covariance[..., 2, 2]
-        nothing = np.where(seen, np.float32(0.0), np.float32(np.nan))
+        places: dict[str, Any] = {
+            "horizontal_xx_m2": covariance[..., 0, 0],
+            "horizontal_xy_m2": covariance[..., 0, 1],
+            "horizontal_yy_m2": covariance[..., 1, 1],
+        }
+        nothing: Any = np.where(seen, np.float32(0.0), np.float32(np.nan))
         few = (frames < self.settings.confirmed_frames) | (pixels < self.settings.confirmed_pixels)
         vague = variance >= self.settings.uncertain_sigma_m**2
         state = np.select(
@@ -87,13 +101,7 @@ class PaperMapper(Mapper):
             elevation_m=np.where(seen, cells.height_m[box], np.nan).astype(np.float32),
             variance_m2=variance,
             independent_m2=variance,
-            systematic_m2=nothing,
-            relief_m2=nothing,
-            pose_m2=nothing,
-            horizontal_m2=nothing,
-            horizontal_xx_m2=covariance[..., 0, 0],
-            horizontal_xy_m2=covariance[..., 0, 1],
-            horizontal_yy_m2=covariance[..., 1, 1],
+            **(dict.fromkeys(_OTHER_PARTS, nothing) | places),
             frames=frames,
             pixels=pixels,
             last_seen_ns=cells.last_ns[box],
