@@ -10,9 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.editing.survey import Survey, TopicLog, survey
+from acquisition.messages.codec import IMAGE_TOPIC
+from acquisition.messages.depth_rvl import RVL_TOPIC
 from acquisition.stream.read_report import Damage
 
 MAX_GAP_PERIODS = 5.0
+# A stream whose longer periods are more than twice its median comes with events, not with a beat;
+# what is usual for it is told by its longest periods but one in a hundred.
+_BEAT_QUANTILE, _BEAT_RATIO = 0.9, 2.0
+_EVENT_QUANTILE, _EVENTS = 0.99, 100
+# So many pauses, alike and filling most of the time, are how the stream is sent: in bursts.
+_BURSTS = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +163,8 @@ def check(path: Path, *, max_gap_periods: float = MAX_GAP_PERIODS) -> list[Findi
 
     Args:
         path: the file.
-        max_gap_periods: a longer time without a message, in median periods, is a finding.
+        max_gap_periods: a longer time without a message, in usual periods, is a finding. Usual is
+            the median for a stream that comes with a beat, more for one that comes with events.
 
     Raises:
         StreamError: the file cannot be read or is no recording.
@@ -175,7 +184,7 @@ def _file_findings(found: Survey) -> Iterator[Finding]:
     if not found.complete:
         text = f"no proper end; {found.truncated_bytes} bytes are left over"
         yield Finding("truncated", "", text)
-    if "/depth/image" in found.topics and "/depth/camera_info" not in found.topics:
+    if {IMAGE_TOPIC, RVL_TOPIC} & found.topics.keys() and "/depth/camera_info" not in found.topics:
         yield Finding("missing", "/depth/camera_info", "depth images without a camera message")
     if "/tf_static" not in found.topics:
         yield Finding("missing", "/tf_static", "nothing says how the sensors are mounted")
@@ -209,9 +218,24 @@ def _gap_findings(topic: str, log: TopicLog, max_gap_periods: float) -> Iterator
     periods = _periods_ns(log)
     if not periods.size:
         return
-    limit_ns = max_gap_periods * float(np.median(periods))
+    limit_ns = max_gap_periods * _usual_period_ns(periods)
     gaps = periods[periods > limit_ns]
-    if gaps.size:
+    if gaps.size and not _are_bursts(gaps, periods, max_gap_periods):
         longest_s, limit_s = gaps.max() * 1e-9, limit_ns * 1e-9
         text = f"{gaps.size} gaps of more than {limit_s:.3f} s, up to {longest_s:.3f} s"
         yield Finding("gap", topic, text)
+
+
+def _usual_period_ns(periods: NDArray[np.uint64]) -> float:
+    median_ns = float(np.median(periods))
+    has_beat = np.quantile(periods, _BEAT_QUANTILE) <= _BEAT_RATIO * median_ns
+    if has_beat or periods.size < _EVENTS:
+        return median_ns
+    return float(np.quantile(periods, _EVENT_QUANTILE, method="lower"))
+
+
+def _are_bursts(
+    gaps: NDArray[np.uint64], periods: NDArray[np.uint64], max_gap_periods: float
+) -> bool:
+    alike = bool(gaps.max() <= max_gap_periods * float(np.median(gaps)))
+    return gaps.size >= _BURSTS and alike and bool(2 * gaps.sum() > periods.sum())

@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from acquisition.clocks.device_clock import DeviceClock, DeviceClockSettings
 from tests.fakes.clocks import Int64Array, kinect
 
-SETTINGS = DeviceClockSettings(60e6, 32, min_delay_ns=8_000_000)
+SETTINGS = DeviceClockSettings(60e6, 1 << 32, min_delay_ns=8_000_000)
 RATE_HZ = 30
 
 

@@ -3,85 +3,112 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from acquisition.messages import codec
-from acquisition.messages.codec import MessageType
-from acquisition.messages.motion import decode_acceleration, encode_acceleration
 from drivers.samples import (
-    AccelerationSample,
     CameraIntrinsics,
+    CanFrameSample,
     DepthFrame,
-    Float64Array,
     PoseSample,
     Sample,
+    VibrationSample,
+    YawRateSample,
     frozen_array,
 )
+from drivers.source import TickCounter
 from tests.fakes.paced_source import PacedSource
 
 CAMERA = CameraIntrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
+_TICKS_PER_US = 60
+KINECT_COUNTER = TickCounter(1e6 * _TICKS_PER_US, 1 << 32)
 _DIFFERENT_FRAMES = 16
 _DISPARITY_NOISE = 0.13
+_DIFFERENT_SAMPLES = 1024
+_GYRO_RAD_S = 1.2e-3  # one count
 
-
-@dataclass(frozen=True, slots=True)
-class GyroStandIn(AccelerationSample):
-    """Stands for the yaw gyro's sample: written as the same ROS message."""
-
-
-@dataclass(frozen=True, slots=True)
-class CanStandIn(AccelerationSample):
-    """Stands for a CAN frame: a larger message than that."""
-
-
-# Stand-ins for what has no row of its own; replace each by the device's sample type.
-STAND_INS: dict[str, type[Sample]] = {"/gyro": GyroStandIn, "/can": CanStandIn}
-
-
-def add_stand_ins() -> None:
-    """Let the stream write the stand-ins."""
-    codec.MESSAGE_TYPES += tuple(
-        MessageType(topic, "sensor_msgs/msg/Imu", kind, encode_acceleration, decode_acceleration)
-        for topic, kind in STAND_INS.items()
-    )
+Make = Callable[[int, int], Sample]
 
 
 def sources() -> list[PacedSource]:
     """Return depth 30 Hz, vibration 1 kHz, gyro 400 Hz, CAN 500 Hz, motion capture 100 Hz."""
-    frames = depth_frames()
-    pose = PoseSample(
-        0, frozen_array((1, 2, 0.3), (3,)), frozen_array((1, 0, 0, 0), (4,)), _covariance(), 0
-    )
-
-    def frame(number: int, t_ns: int) -> Sample:
-        return replace(frames[number % len(frames)], t_ns=t_ns, sequence=number)
-
-    def posed(number: int, t_ns: int) -> Sample:
-        return replace(pose, t_ns=t_ns, sequence=number)
-
     return [
-        PacedSource("vibration", 1000.0, AccelerationSample, _three_axes(AccelerationSample)),
-        PacedSource("gyro", 400.0, GyroStandIn, _three_axes(GyroStandIn)),
-        PacedSource("can", 500.0, CanStandIn, _three_axes(CanStandIn)),
-        PacedSource("mocap", 100.0, PoseSample, posed),
-        PacedSource("depth", 30.0, DepthFrame, frame),
+        PacedSource("vibration", 1000.0, VibrationSample, _vibration()),
+        PacedSource("gyro", 400.0, YawRateSample, _yaw_rate()),
+        PacedSource("can", 500.0, CanFrameSample, _can_frame()),
+        PacedSource("mocap", 100.0, PoseSample, _pose()),
+        PacedSource("depth", 30.0, DepthFrame, _depth(), counter=KINECT_COUNTER),
     ]
 
 
-def _three_axes(kind: type[AccelerationSample]) -> Callable[[int, int], Sample]:
-    noise = np.random.default_rng(3).normal(0.0, 0.2, (1024, 3))
+def _vibration() -> Make:
+    """Give signed waves, as the devices that reach 1 kHz send them: without a frequency."""
+    noise = np.random.default_rng(3).normal(0.0, 0.2, (_DIFFERENT_SAMPLES, 3))
     values = [frozen_array(row, (3,)) for row in noise]
+    unknown = frozen_array((np.nan,) * 3, (3,))
 
     def make(number: int, t_ns: int) -> Sample:
-        return kind(t_ns, values[number % len(values)], number)
+        value = values[number % _DIFFERENT_SAMPLES]
+        return VibrationSample(
+            t_ns, value, unknown, "acceleration", "instantaneous", None, number, None
+        )
 
     return make
 
 
-def _covariance() -> Float64Array:
-    return frozen_array(np.diag([1e-6] * 3 + [1e-5] * 3), (6, 6))
+def _yaw_rate() -> Make:
+    counts = np.random.default_rng(4).integers(-900, 900, _DIFFERENT_SAMPLES).tolist()
+
+    def make(number: int, t_ns: int) -> Sample:
+        count = counts[number % _DIFFERENT_SAMPLES]
+        return YawRateSample(t_ns, count * _GYRO_RAD_S, 31.5, count, number)
+
+    return make
+
+
+def _can_frame() -> Make:
+    data = np.random.default_rng(5).bytes(8 * _DIFFERENT_SAMPLES)
+
+    def make(number: int, t_ns: int) -> Sample:
+        start = 8 * (number % _DIFFERENT_SAMPLES)
+        return CanFrameSample(
+            t_ns,
+            arbitration_id=0x200 + number % 4,
+            is_extended=False,
+            is_remote=False,
+            is_error=False,
+            data=data[start : start + 8],
+            channel="can0",
+            sequence=number,
+        )
+
+    return make
+
+
+def _pose() -> Make:
+    position_m = frozen_array((1.0, 2.0, 0.3), (3,))
+    quat_wxyz = frozen_array((1.0, 0.0, 0.0, 0.0), (4,))
+    covariance = frozen_array(np.diag([1e-6] * 3 + [1e-5] * 3), (6, 6))
+
+    def make(number: int, t_ns: int) -> Sample:
+        return PoseSample(t_ns, position_m, quat_wxyz, covariance, number)
+
+    return make
+
+
+def _depth() -> Make:
+    frames = depth_frames()
+
+    def make(number: int, t_ns: int) -> Sample:
+        return replace(
+            frames[number % len(frames)],
+            t_ns=t_ns,
+            sequence=number,
+            device_ticks=t_ns * _TICKS_PER_US // 1000 % (1 << 32),
+        )
+
+    return make
 
 
 def depth_frames() -> list[DepthFrame]:

@@ -19,7 +19,7 @@ from acquisition.clocks.host_clock import HostClock
 from acquisition.recording.disk_output import DiskOutput
 from acquisition.recording.folder_store import DiskSettings
 from acquisition.recording.recorder import Recorder
-from benchmarks.load import add_stand_ins, sources
+from benchmarks.load import sources
 from drivers.samples import Sample
 from drivers.source import SourceInfo
 from tests.fakes.paced_source import PacedSource
@@ -57,7 +57,6 @@ class WatchedSource:
 def main() -> None:
     """Record until killed."""
     out, stamps_path = map(Path, sys.argv[1:3])
-    add_stand_ins()
     clock = HostClock()
     with stamps_path.open("r+b") as file, mmap.mmap(file.fileno(), 0) as stamps:
         watched = [WatchedSource(s, stamps, i, clock) for i, s in enumerate(sources())]

@@ -20,6 +20,20 @@ TimeBase = Literal["monotonic", "recorded"]
 
 
 @dataclass(frozen=True, slots=True)
+class TickCounter:
+    """A device's own clock, whose reading its samples carry as `device_ticks`.
+
+    Attributes:
+        rate_hz: nominal ticks per second.
+        wrap_ticks: how many different values it has before it starts over; None when it never
+            does.
+    """
+
+    rate_hz: float
+    wrap_ticks: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class SourceInfo:
     """What `open` found.
 
@@ -32,6 +46,7 @@ class SourceInfo:
             samples carry the times of an earlier recording.
         details: further identity and settings that were read back, as text.
         nominal_rate_hz: expected samples per second for each type where it is known.
+        counter: the device's own clock; None where its samples carry none.
     """
 
     name: str
@@ -41,6 +56,7 @@ class SourceInfo:
     time_base: TimeBase
     details: Mapping[str, str] = field(default_factory=dict)
     nominal_rate_hz: Mapping[type[Sample], float] = field(default_factory=dict)
+    counter: TickCounter | None = None
 
 
 class Source(Protocol):

@@ -203,11 +203,13 @@ def _interrupt_as_stop() -> Iterator[Callable[[], bool]]:
 
 def frame_counter(reached: Callable[[str], None]) -> Callable[[StreamMessage], None]:
     """Return a function that counts the depth frames among messages and tells `reached`."""
+    from drivers.samples import DepthFrame
+
     frames = 0
 
     def count(message: StreamMessage) -> None:
         nonlocal frames
-        if message.topic == "/depth/image":
+        if isinstance(message.sample, DepthFrame):
             frames += 1
             reached(f"{frames} depth frames")
 

@@ -19,6 +19,8 @@ from fractions import Fraction
 from acquisition.clocks.host_clock import ClockEvent, EventKind
 from acquisition.errors import StreamError
 
+_LEAST_WRAP_TICKS = 256
+
 
 @dataclass(frozen=True, slots=True)
 class DeviceClockSettings:
@@ -26,7 +28,8 @@ class DeviceClockSettings:
 
     Attributes:
         tick_rate_hz: nominal rate of the counter.
-        counter_bits: width after which it wraps; None when it never does.
+        wrap_ticks: how many different values the counter has before it starts over; None when
+            it never does.
         window_s: how far back messages count. Long: less noise. Short: follows a clock whose
             rate changes with temperature.
         max_drift_ppm: how far the rate may be from its nominal value, in millionths. Crystals
@@ -39,7 +42,7 @@ class DeviceClockSettings:
     """
 
     tick_rate_hz: float
-    counter_bits: int | None = None
+    wrap_ticks: int | None = None
     window_s: float = 60.0
     max_drift_ppm: float = 500.0
     min_delay_ns: int = 0
@@ -57,14 +60,15 @@ class DeviceClockSettings:
             raise StreamError(f"{self}: rate, window, threshold and confirm_s must be positive")
         if not 0 <= self.max_drift_ppm < 1e6 or self.min_delay_ns < 0:
             raise StreamError(f"{self}: expected 0 <= max_drift_ppm < 1e6 and min_delay_ns >= 0")
-        if self.counter_bits is not None and not 8 <= self.counter_bits <= 64:
-            raise StreamError(f"{self}: expected counter_bits from 8 to 64 or none")
+        if self.wrap_ticks is not None and self.wrap_ticks < _LEAST_WRAP_TICKS:
+            raise StreamError(
+                f"{self}: expected wrap_ticks of at least {_LEAST_WRAP_TICKS} or none"
+            )
 
 
-def unwrapped(ticks: int, counter_bits: int, expected: int) -> int:
+def unwrapped(ticks: int, wrap_ticks: int, expected: int) -> int:
     """Return the value nearest to `expected` that the counter shows as `ticks`."""
-    period = 1 << counter_bits
-    return ticks + (expected - ticks + period // 2) // period * period
+    return ticks + (expected - ticks + wrap_ticks // 2) // wrap_ticks * wrap_ticks
 
 
 class DeviceClock:
@@ -79,7 +83,7 @@ class DeviceClock:
 
     def __init__(self, settings: DeviceClockSettings) -> None:
         self._tick_ns = 1e9 / settings.tick_rate_hz
-        self._counter_bits = settings.counter_bits
+        self._wrap_ticks = settings.wrap_ticks
         self._window_ticks = round(settings.window_s * settings.tick_rate_hz)
         drift = settings.max_drift_ppm * 1e-6
         self._least_slope = self._tick_ns * (1.0 - drift)
@@ -124,9 +128,9 @@ class DeviceClock:
         """
         x = ticks
         if self._x:
-            if self._counter_bits is not None:
+            if self._wrap_ticks is not None:
                 passed = round((arrival_ns - self._last_y) / self._tick_ns)
-                x = unwrapped(ticks, self._counter_bits, self._last_x + passed)
+                x = unwrapped(ticks, self._wrap_ticks, self._last_x + passed)
             if self._belongs(x, arrival_ns):
                 self._add(x, arrival_ns)
         else:

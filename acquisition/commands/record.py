@@ -65,9 +65,10 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
     clock = HostClock()
     path = options.output or recording_path(loaded, clock.log_time_ns(clock.now_ns()))
     output = output_of(loaded, path)
-    plan = plan_of(loaded)
+    sources = sources_of(loaded)
+    plan = plan_of(loaded, sources)
     plan = replace(plan, require_all=plan.require_all or options.require)
-    recorder = Recorder(sources_of(loaded), output, plan, clock)
+    recorder = Recorder(sources, output, plan, clock)
     notifier = ServiceNotifier.from_environment()
     with _stop_event(options.seconds, output) as stop, console.board() as board:
 

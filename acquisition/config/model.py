@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from acquisition.messages.codec import MESSAGE_TYPES
+from acquisition.messages.codec import MESSAGE_TYPES, DepthFormat
 from acquisition.messages.frames import BASE_FRAME
 from acquisition.messages.ros_fields import unit_quaternion
 from drivers.source import SOURCES
@@ -36,6 +36,7 @@ class RecordingSection(_Strict):
     folder: _Path = Path()
     name: _Name = "rover"
     fallback_folders: Annotated[tuple[_Path, ...], Field(strict=False)] = ()
+    depth_format: DepthFormat = "raw"
     flush_ms: Annotated[int, Field(ge=5, le=10_000)] = 50
     sync_s: Annotated[float, Field(ge=0.1, le=3600.0)] = 1.0
     split_mb: Annotated[int, Field(ge=0)] = 0
@@ -50,6 +51,22 @@ class RecordingSection(_Strict):
     realtime_priority: Annotated[int, Field(ge=0, le=99)] = 0
 
 
+class DeviceClockSection(_Strict):
+    """[devices.clock]: what is known about the device's own clock."""
+
+    tick_rate_hz: _Positive | None = None
+    wrap_ticks: Annotated[int, Field(ge=256)] | None = None
+    window_s: _Positive = 60.0
+    max_drift_ppm: Annotated[float, Field(ge=0.0, lt=1e6)] = 500.0
+    min_delay_ms: _NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _wraps_what_it_counts(self) -> Self:
+        if self.wrap_ticks is not None and self.tick_rate_hz is None:
+            raise ValueError("wrap_ticks is given without tick_rate_hz")
+        return self
+
+
 class DeviceEntry(BaseModel):
     """[[devices]]: a kind, and the settings of its driver, which knows them best."""
 
@@ -57,6 +74,7 @@ class DeviceEntry(BaseModel):
 
     kind: str
     name: _Name | None = None
+    clock: DeviceClockSection = DeviceClockSection()
 
     @field_validator("kind")
     @classmethod

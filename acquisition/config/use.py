@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
-from acquisition.config.model import REPLAY_KIND, DeviceEntry, Mount, RoverConfig
+from acquisition.clocks.clock_follower import ClockTuning
+from acquisition.config.model import (
+    REPLAY_KIND,
+    DeviceClockSection,
+    DeviceEntry,
+    Mount,
+    RoverConfig,
+)
 from acquisition.config.rover_file import LoadedConfig, load
 from acquisition.errors import ConfigError
 from acquisition.messages import codec
@@ -21,7 +29,8 @@ from acquisition.recording.plan import RecordingPlan
 from acquisition.recording.ring_output import RingOutput, RingSettings
 from acquisition.recording.source_worker import WorkerSettings
 from acquisition.replay import Replay
-from acquisition.stream.split_writer import PartLimits
+from acquisition.stream.open_part import PartLimits
+from acquisition.stream.provenance import DEVICE_CLOCKS
 from drivers.errors import TerravibeError
 from drivers.samples import Float64Array, Sample, frozen_array
 from drivers.source import Source, make_source
@@ -111,18 +120,23 @@ def _json_of(loaded: LoadedConfig, path: Path) -> object:
         raise ConfigError(f"{where}: cannot use calibration file {path}: {error}") from error
 
 
-def plan_of(loaded: LoadedConfig) -> RecordingPlan:
-    """Return how to record.
+def plan_of(loaded: LoadedConfig, sources: Sequence[Source]) -> RecordingPlan:
+    """Return how to record what `sources_of` returned.
 
     Raises:
         ConfigError: a calibration file cannot be read.
     """
     section = loaded.config.recording
+    pairs = zip(sources, loaded.config.devices, strict=True)
+    clocks = {source.name: _tuning(entry.clock) for source, entry in pairs}
+    told = {name: asdict(tuning) for name, tuning in clocks.items()}
     return RecordingPlan(
         static_transforms=static_transforms_of(loaded.config),
-        settings=resolved(loaded),
+        settings=resolved(loaded) | {DEVICE_CLOCKS: told},
         rates_hz=rates_of(loaded.config),
+        clocks=clocks,
         require_all=section.require_all,
+        depth_format=section.depth_format,
         flush_interval_s=section.flush_ms * 1e-3,
         preflight_timeout_s=section.preflight_s,
         worker=WorkerSettings(
@@ -130,6 +144,16 @@ def plan_of(loaded: LoadedConfig) -> RecordingPlan:
             reconnect_s=section.reconnect_s,
             realtime_priority=section.realtime_priority,
         ),
+    )
+
+
+def _tuning(section: DeviceClockSection) -> ClockTuning:
+    return ClockTuning(
+        section.tick_rate_hz,
+        section.wrap_ticks,
+        window_s=section.window_s,
+        max_drift_ppm=section.max_drift_ppm,
+        min_delay_ns=round(section.min_delay_ms * 1e6),
     )
 
 

@@ -70,8 +70,8 @@ def _source(lane: Lane, now_ns: int, duration_s: float, state: OutputState) -> S
         silent_s=silent_s,
         queue=worker.queue.state(),
         streams=_streams(lane, duration_s, state),
-        clock_skew_ppm=None,
-        warning=worker.warning,
+        clock_skew_ppm=lane.intake.follower.skew_ppm,
+        warning="; ".join(filter(None, (worker.warning, lane.intake.follower.problem))),
     )
 
 

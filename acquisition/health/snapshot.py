@@ -45,7 +45,7 @@ class SourceHealth:
         silent_s: since its driver last returned.
         queue: how full its queue is, and what found no room in it.
         streams: what it produces.
-        clock_skew_ppm: its clock against the host's; None while nobody estimates it.
+        clock_skew_ppm: its clock against the host's, as in `ClockSample`; None while it is unknown.
         warning: what is not as it was asked for, or "".
     """
 

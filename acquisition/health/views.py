@@ -28,7 +28,7 @@ def lines_of(snapshot: HealthSnapshot) -> list[str]:
     """Return the snapshot as plain lines: the recording, each source, each warning."""
     lines = [title_of(snapshot)]
     for source in snapshot.sources:
-        level, text = status_of(source)
+        level, text = _state(source)
         rates = " ".join(_rate(stream.statistics) for stream in source.streams)
         lines.append(f"{level.name} {source.name}: {' '.join(filter(None, (rates, text)))}")
     return lines + [f"WARN {warning}" for warning in snapshot.warnings]
@@ -43,11 +43,18 @@ def table_of(snapshot: HealthSnapshot) -> Table:
     for name in (*_COLUMNS, "state"):
         table.add_column(name, justify="right" if name in _COLUMNS[2:] else "left")
     for source in snapshot.sources:
-        level, text = status_of(source)
+        level, text = _state(source)
         for number, row in enumerate(_rows(source)):
             state = Text(text if number == 0 else "", style=_STYLES[level])
             table.add_row(*(Text(cell) for cell in row), state)
     return table
+
+
+def _state(source: SourceHealth) -> tuple[Level, str]:
+    """Return how bad it is, and one line: why, and how fast the device's clock runs."""
+    level, text = status_of(source)
+    skew_ppm = source.clock_skew_ppm
+    return level, text if skew_ppm is None else f"{text}, clock {skew_ppm:+.1f} ppm"
 
 
 def _rows(source: SourceHealth) -> list[tuple[str, ...]]:

@@ -8,19 +8,23 @@ the MCAP message record, and further fields are in a message of their own, a com
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import struct
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from rosbags.serde import SerdeError
 
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.errors import StreamError
 from acquisition.health.diagnostics import Diagnostics, decode_diagnostics, encode_diagnostics
+from acquisition.messages.cdr_layout import Parts
 from acquisition.messages.clock import CLOCK_TYPE, decode_clock, encode_clock
 from acquisition.messages.companions import Companion
 from acquisition.messages.depth import (
+    CAMERA_TYPE,
+    IMAGE_TYPE,
     TICKS_TYPE,
     CameraInfo,
     DepthImage,
@@ -31,6 +35,12 @@ from acquisition.messages.depth import (
     encode_depth,
     encode_ticks,
 )
+from acquisition.messages.depth_rvl import (
+    COMPRESSED_TYPE,
+    RVL_TOPIC,
+    decode_rvl,
+    encode_rvl,
+)
 from acquisition.messages.frames import StaticTransforms
 from acquisition.messages.gyro import (
     RAW_TYPE,
@@ -40,6 +50,7 @@ from acquisition.messages.gyro import (
     encode_yaw_rate,
 )
 from acquisition.messages.motion import (
+    POSE_TYPE,
     decode_acceleration,
     decode_pose,
     decode_transforms,
@@ -48,11 +59,13 @@ from acquisition.messages.motion import (
     encode_transforms,
 )
 from acquisition.messages.ros_fields import MAX_UINT32
+from acquisition.messages.ros_types import IMU_TYPE
 from acquisition.messages.ros_types import typestore as typestore
 from acquisition.messages.vibration import VIBRATION_TYPE, decode_vibration, encode_vibration
 from acquisition.messages.wheels import (
     CAN_TYPE,
     SPEEDS_TYPE,
+    TWIST_TYPE,
     decode_can,
     decode_speeds,
     decode_twist,
@@ -75,6 +88,11 @@ Record = DepthImage | CameraInfo | Companion | Sample | StaticTransforms | Clock
 Recordable = Sample | StaticTransforms | ClockSample | Diagnostics
 _UNNUMBERED = (StaticTransforms, Diagnostics)
 
+# How depth frames are written: as pixels, or under a code of their own.
+DepthFormat = Literal["raw", "rvl"]
+IMAGE_TOPIC = "/depth/image"
+_RAW = frozenset([RVL_TOPIC])
+
 
 @dataclass(frozen=True, slots=True)
 class MessageType:
@@ -84,8 +102,9 @@ class MessageType:
         topic: where the message is published.
         ros_type: its ROS 2 type, "package/msg/Name".
         sample_type: the type of which `encode` makes this message.
-        encode: sample to ROS message object, or None where the sample has nothing to say here;
-            ValueError with the reason.
+        encode: sample to its CDR bytes, or to a ROS message object that is still to be
+            serialised, or None where the sample has nothing to say here; ValueError with the
+            reason.
         decode: ROS message object and sequence number to record; ValueError with the reason.
     """
 
@@ -97,10 +116,20 @@ class MessageType:
 
 
 class EncodedMessage(NamedTuple):
-    """A message ready to be written: its topic and its CDR bytes."""
+    """A message ready to be written.
+
+    Attributes:
+        topic: where it is published.
+        parts: its CDR bytes, in pieces that follow one another.
+    """
 
     topic: str
-    cdr: bytes
+    parts: Parts
+
+    @property
+    def cdr(self) -> bytes:
+        """Its CDR bytes in one piece."""
+        return b"".join(self.parts)
 
 
 @cache
@@ -114,33 +143,46 @@ def types_of(sample_types: Sequence[type[Recordable]]) -> list[MessageType]:
     return [row for row in MESSAGE_TYPES if row.sample_type in sample_types]
 
 
+def left_out_by(depth_format: DepthFormat) -> frozenset[str]:
+    """Return the topics that such a stream has not: a depth frame is written in one way only."""
+    return frozenset([IMAGE_TOPIC]) if depth_format == "rvl" else _RAW
+
+
 def rows_of(kind: type[Recordable]) -> Sequence[MessageType]:
     """Return the rows that one sample type is written as; the same as `types_of`, but quick."""
-    if kind not in _BY_SAMPLE_TYPE:
-        _BY_SAMPLE_TYPE[kind] = types_of([kind])
-    return _BY_SAMPLE_TYPE[kind]
+    rows = _BY_SAMPLE_TYPE.get(kind)
+    if rows is None:
+        rows = _BY_SAMPLE_TYPE[kind] = types_of([kind])
+    return rows
 
 
-def encode(sample: Recordable) -> list[EncodedMessage]:
+def encode(sample: Recordable, left_out: Container[str] = _RAW) -> list[EncodedMessage]:
     """Return the messages that stand for one sample, in the order to be written.
+
+    Args:
+        sample: the sample.
+        left_out: topics without which it is complete, by `left_out_by`.
 
     Raises:
         StreamError: the sample cannot be told as a message (time or sequence out of range,
             not finite, wrong shape); names the topic and the time.
     """
-    encoded = [_serialise(row, sample) for row in rows_of(type(sample))]
-    return [message for message in encoded if message is not None]
+    encoded: list[EncodedMessage] = []
+    for row in rows_of(type(sample)):
+        if row.topic in left_out:
+            continue
+        try:
+            message = row.encode(sample)
+            if message is not None:
+                parts = message if isinstance(message, tuple) else _serialise(message, row)
+                encoded.append(EncodedMessage(row.topic, parts))
+        except (ValueError, struct.error) as error:
+            raise StreamError(f"cannot write {row.topic} at {sample.t_ns} ns: {error}") from error
+    return encoded
 
 
-def _serialise(row: MessageType, sample: Recordable) -> EncodedMessage | None:
-    try:
-        message = row.encode(sample)
-        if message is None:
-            return None
-        cdr = typestore().serialize_cdr(message, row.ros_type, little_endian=True)
-        return EncodedMessage(row.topic, bytes(cdr))
-    except ValueError as error:
-        raise StreamError(f"cannot write {row.topic} at {sample.t_ns} ns: {error}") from error
+def _serialise(message: object, row: MessageType) -> Parts:
+    return (bytes(typestore().serialize_cdr(message, row.ros_type, little_endian=True)),)
 
 
 def decode(row: MessageType, cdr: bytes, *, log_time_ns: int, sequence: int) -> Record:
@@ -182,35 +224,36 @@ MESSAGE_TYPES: tuple[MessageType, ...] = (
     ),
     MessageType(
         "/depth/camera_info",
-        "sensor_msgs/msg/CameraInfo",
+        CAMERA_TYPE,
         DepthFrame,
         encode_camera,
         decode_camera,
     ),
     MessageType("/depth/ticks", TICKS_TYPE, DepthFrame, encode_ticks, decode_ticks),
-    MessageType("/depth/image", "sensor_msgs/msg/Image", DepthFrame, encode_depth, decode_depth),
+    MessageType(RVL_TOPIC, COMPRESSED_TYPE, DepthFrame, encode_rvl, decode_rvl),
+    MessageType(IMAGE_TOPIC, IMAGE_TYPE, DepthFrame, encode_depth, decode_depth),
     MessageType(
         "/mocap/pose",
-        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        POSE_TYPE,
         PoseSample,
         encode_pose,
         decode_pose,
     ),
     MessageType(
         "/acceleration",
-        "sensor_msgs/msg/Imu",
+        IMU_TYPE,
         AccelerationSample,
         encode_acceleration,
         decode_acceleration,
     ),
     MessageType("/vibration", VIBRATION_TYPE, VibrationSample, encode_vibration, decode_vibration),
     MessageType("/gyro/raw", RAW_TYPE, YawRateSample, encode_gyro_raw, decode_gyro_raw),
-    MessageType("/gyro", "sensor_msgs/msg/Imu", YawRateSample, encode_yaw_rate, decode_yaw_rate),
+    MessageType("/gyro", IMU_TYPE, YawRateSample, encode_yaw_rate, decode_yaw_rate),
     MessageType("/can", CAN_TYPE, CanFrameSample, encode_can, decode_can),
     MessageType("/wheels/speeds", SPEEDS_TYPE, WheelTwistSample, encode_speeds, decode_speeds),
     MessageType(
         "/wheels",
-        "geometry_msgs/msg/TwistWithCovarianceStamped",
+        TWIST_TYPE,
         WheelTwistSample,
         encode_twist,
         decode_twist,

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys.stores import ros2_humble as ros
 
 from acquisition.messages import ros_fields as fields
+from acquisition.messages.cdr_layout import Parts, layout, restamped
 from acquisition.messages.companions import Companion
 from acquisition.messages.frames import DEPTH_OPTICAL_FRAME
-from acquisition.messages.ros_types import RosMessage, ros_class
+from acquisition.messages.ros_types import RosMessage, typestore
 from drivers.samples import CameraIntrinsics, DepthFrame
 
 DEPTH_ENCODING = "16UC1"
+IMAGE_TYPE = "sensor_msgs/msg/Image"
+CAMERA_TYPE = "sensor_msgs/msg/CameraInfo"
 TICKS_TYPE = "terravibe_msgs/msg/DeviceTicks"
 
 
@@ -41,8 +45,8 @@ class CameraInfo:
     camera: CameraIntrinsics
 
 
-def encode_depth(frame: DepthFrame) -> ros.sensor_msgs__msg__Image:
-    """Return the image; its pixels are the frame's own memory where that is possible."""
+def depth_pixels(frame: DepthFrame) -> NDArray[np.uint16]:
+    """Return the pixels, row by row, little-endian; the frame's own memory where possible."""
     height, width = frame.depth_mm.shape
     if frame.depth_mm.dtype != np.uint16:
         raise ValueError(f"depth has dtype {frame.depth_mm.dtype}; expected uint16")
@@ -51,16 +55,32 @@ def encode_depth(frame: DepthFrame) -> ros.sensor_msgs__msg__Image:
             f"depth is {width}x{height} px but its camera "
             f"{frame.camera.width_px}x{frame.camera.height_px} px"
         )
-    pixels = np.ascontiguousarray(frame.depth_mm, dtype="<u2").reshape(-1)
-    return ros.sensor_msgs__msg__Image(
-        fields.ros_header(frame.t_ns, DEPTH_OPTICAL_FRAME),
+    return np.ascontiguousarray(frame.depth_mm, dtype="<u2").reshape(-1)
+
+
+def encode_depth(frame: DepthFrame) -> Parts:
+    """Return the image; its pixels are the frame's own memory, unless that may change."""
+    height, width = frame.depth_mm.shape
+    pixels = depth_pixels(frame).view(np.uint8)
+    if pixels.flags.writeable:
+        pixels = pixels.copy()
+    return restamped(_image_head(height, width), frame.t_ns), pixels.data
+
+
+@lru_cache(maxsize=16)
+def _image_head(height: int, width: int) -> bytes:
+    """Return everything of an image but its pixels, which are the message's last bytes."""
+    pixels = np.zeros(2 * height * width, dtype=np.uint8)
+    image = ros.sensor_msgs__msg__Image(
+        fields.ros_header(0, DEPTH_OPTICAL_FRAME),
         height,
         width,
         DEPTH_ENCODING,
         is_bigendian=0,
         step=2 * width,
-        data=pixels.view(np.uint8),
+        data=pixels,
     )
+    return bytes(typestore().serialize_cdr(image, IMAGE_TYPE, little_endian=True)[: -pixels.size])
 
 
 def decode_depth(image: ros.sensor_msgs__msg__Image, sequence: int) -> DepthImage:
@@ -80,14 +100,12 @@ def decode_depth(image: ros.sensor_msgs__msg__Image, sequence: int) -> DepthImag
     return DepthImage(fields.stamp_ns(image.header), depth_mm, sequence)
 
 
-def encode_ticks(frame: DepthFrame) -> object | None:
+def encode_ticks(frame: DepthFrame) -> Parts | None:
     """Return the device's own time of the frame, or None where it has none."""
     if frame.device_ticks is None:
         return None
-    return ros_class(TICKS_TYPE)(
-        fields.ros_header(frame.t_ns, DEPTH_OPTICAL_FRAME),
-        fields.integer("device ticks", frame.device_ticks, 0, fields.MAX_UINT64),
-    )
+    ticks = fields.integer("device ticks", frame.device_ticks, 0, fields.MAX_UINT64)
+    return layout(TICKS_TYPE, DEPTH_OPTICAL_FRAME)(frame.t_ns, ticks)
 
 
 def decode_ticks(message: RosMessage, _sequence: int) -> Companion:
@@ -96,13 +114,17 @@ def decode_ticks(message: RosMessage, _sequence: int) -> Companion:
     return Companion(fields.stamp_ns(message.header), DepthFrame, ticks)
 
 
-def encode_camera(frame: DepthFrame) -> ros.sensor_msgs__msg__CameraInfo:
+def encode_camera(frame: DepthFrame) -> Parts:
     """Return the intrinsics with the frame's time: P = [K 0], no distortion, R = identity."""
-    camera = frame.camera
+    return (restamped(_camera_at_0(frame.camera), frame.t_ns),)
+
+
+@lru_cache(maxsize=16)
+def _camera_at_0(camera: CameraIntrinsics) -> bytes:
     _check_camera(camera)
     fx, fy, cx, cy = camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
-    return ros.sensor_msgs__msg__CameraInfo(
-        fields.ros_header(frame.t_ns, DEPTH_OPTICAL_FRAME),
+    info = ros.sensor_msgs__msg__CameraInfo(
+        fields.ros_header(0, DEPTH_OPTICAL_FRAME),
         camera.height_px,
         camera.width_px,
         "plumb_bob",
@@ -114,6 +136,7 @@ def encode_camera(frame: DepthFrame) -> ros.sensor_msgs__msg__CameraInfo:
         binning_y=0,
         roi=ros.sensor_msgs__msg__RegionOfInterest(0, 0, 0, 0, do_rectify=False),
     )
+    return bytes(typestore().serialize_cdr(info, CAMERA_TYPE, little_endian=True))
 
 
 def decode_camera(info: ros.sensor_msgs__msg__CameraInfo, _sequence: int) -> CameraInfo:

@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-import numpy as np
 from rosbags.typesys.stores import ros2_humble as ros
 
 from acquisition.messages import ros_fields as fields
+from acquisition.messages.cdr_layout import Parts, layout
 from acquisition.messages.companions import Companion
 from acquisition.messages.frames import GYRO_FRAME
-from acquisition.messages.ros_types import RosMessage, ros_class
+from acquisition.messages.ros_types import IMU_TYPE, RosMessage
 from drivers.samples import YawRateSample
 
 RAW_TYPE = "terravibe_msgs/msg/GyroRaw"
 
+# An orientation that is not measured; the rates about x and y, which are not either.
+_BEFORE_RATE = (0.0, 0.0, 0.0, 1.0, *fields.NOT_MEASURED, 0.0, 0.0)
+# The covariance of the rate, all 0: not known. Then an acceleration that is not measured.
+_BEHIND_RATE = (*(0.0,) * 9, 0.0, 0.0, 0.0, *fields.NOT_MEASURED)
 
-def encode_yaw_rate(sample: YawRateSample) -> ros.sensor_msgs__msg__Imu:
+
+def encode_yaw_rate(sample: YawRateSample) -> Parts:
     """Return an Imu message whose z axis is the sensing axis; x and y are 0, not measured."""
     rate_rad_s = fields.finite_number("rate", sample.rate_rad_s)
-    return ros.sensor_msgs__msg__Imu(
-        fields.ros_header(sample.t_ns, GYRO_FRAME),
-        ros.geometry_msgs__msg__Quaternion(0.0, 0.0, 0.0, 1.0),
-        fields.not_measured(),
-        ros.geometry_msgs__msg__Vector3(0.0, 0.0, rate_rad_s),
-        np.zeros(9),  # all 0: the covariance is not known
-        ros.geometry_msgs__msg__Vector3(0.0, 0.0, 0.0),
-        fields.not_measured(),
-    )
+    lay_out = layout(IMU_TYPE, GYRO_FRAME)
+    return lay_out(sample.t_ns, *_BEFORE_RATE, rate_rad_s, *_BEHIND_RATE)
 
 
 def decode_yaw_rate(imu: ros.sensor_msgs__msg__Imu, sequence: int) -> YawRateSample:
@@ -35,10 +33,10 @@ def decode_yaw_rate(imu: ros.sensor_msgs__msg__Imu, sequence: int) -> YawRateSam
     return YawRateSample(fields.stamp_ns(imu.header), rate_rad_s, None, None, sequence)
 
 
-def encode_gyro_raw(sample: YawRateSample) -> object:
+def encode_gyro_raw(sample: YawRateSample) -> Parts:
     """Return what the Imu message has no room for."""
-    return ros_class(RAW_TYPE)(
-        fields.ros_header(sample.t_ns, GYRO_FRAME),
+    return layout(RAW_TYPE, GYRO_FRAME)(
+        sample.t_ns,
         *fields.flagged_integer("raw counts", sample.raw_counts, -(2**31), 2**31 - 1),
         *fields.flagged("temperature", sample.temperature_c),
     )

@@ -2,33 +2,43 @@
 
 from __future__ import annotations
 
-import numpy as np
 from rosbags.typesys.stores import ros2_humble as ros
 
 from acquisition.messages import ros_fields as fields
+from acquisition.messages.cdr_layout import Parts, layout
 from acquisition.messages.frames import (
     ACCELEROMETER_FRAME,
     WORLD_FRAME,
     StaticTransform,
     StaticTransforms,
 )
-from drivers.samples import AccelerationSample, PoseSample, frozen_array
+from acquisition.messages.ros_types import IMU_TYPE
+from drivers.samples import AccelerationSample, PoseSample
 
-# sensor_msgs/msg/Imu: -1 in element 0 says that the sensor does not measure this part.
-_NOT_MEASURED = frozen_array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0], (9,))
+POSE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+
+# Neither orientation nor rotation is measured.
+_BEFORE_ACCELERATION = (
+    0.0,
+    0.0,
+    0.0,
+    1.0,
+    *fields.NOT_MEASURED,
+    0.0,
+    0.0,
+    0.0,
+    *fields.NOT_MEASURED,
+)
+_UNKNOWN_COVARIANCE = (0.0,) * 9
 
 
-def encode_pose(pose: PoseSample) -> ros.geometry_msgs__msg__PoseWithCovarianceStamped:
+def encode_pose(pose: PoseSample) -> Parts:
     """Return the pose; ROS has the covariance row by row and in the same order."""
-    return ros.geometry_msgs__msg__PoseWithCovarianceStamped(
-        fields.ros_header(pose.t_ns, WORLD_FRAME),
-        ros.geometry_msgs__msg__PoseWithCovariance(
-            ros.geometry_msgs__msg__Pose(
-                fields.ros_point("position", pose.position_m),
-                fields.ros_quaternion(pose.quat_wxyz),
-            ),
-            fields.finite("covariance", pose.covariance, (6, 6)).ravel(),
-        ),
+    return layout(POSE_TYPE, WORLD_FRAME)(
+        pose.t_ns,
+        *fields.three("position", pose.position_m),
+        *fields.xyzw(pose.quat_wxyz),
+        *fields.finite("covariance", pose.covariance, (6, 6)).ravel().tolist(),
     )
 
 
@@ -45,16 +55,13 @@ def decode_pose(
     )
 
 
-def encode_acceleration(sample: AccelerationSample) -> ros.sensor_msgs__msg__Imu:
+def encode_acceleration(sample: AccelerationSample) -> Parts:
     """Return an Imu message that measured nothing but the acceleration."""
-    return ros.sensor_msgs__msg__Imu(
-        fields.ros_header(sample.t_ns, ACCELEROMETER_FRAME),
-        ros.geometry_msgs__msg__Quaternion(0.0, 0.0, 0.0, 1.0),
-        fields.not_measured(),
-        ros.geometry_msgs__msg__Vector3(0.0, 0.0, 0.0),
-        fields.not_measured(),
-        fields.ros_vector("acceleration", sample.acceleration_m_s2),
-        linear_acceleration_covariance=np.zeros(9),
+    return layout(IMU_TYPE, ACCELEROMETER_FRAME)(
+        sample.t_ns,
+        *_BEFORE_ACCELERATION,
+        *fields.three("acceleration", sample.acceleration_m_s2),
+        *_UNKNOWN_COVARIANCE,
     )
 
 
@@ -77,7 +84,7 @@ def encode_transforms(message: StaticTransforms) -> ros.tf2_msgs__msg__TFMessage
                 transform.child_frame,
                 ros.geometry_msgs__msg__Transform(
                     fields.ros_vector("position", transform.position_m),
-                    fields.ros_quaternion(transform.quat_wxyz),
+                    ros.geometry_msgs__msg__Quaternion(*fields.xyzw(transform.quat_wxyz)),
                 ),
             )
             for transform in message.transforms

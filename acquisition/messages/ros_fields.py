@@ -25,13 +25,18 @@ _ROUNDED = 1e-9
 _REFUSED = 1e-3
 
 
-def ros_header(t_ns: int, frame_id: str) -> ros.std_msgs__msg__Header:
-    """Return a header whose stamp is exactly `t_ns`."""
+def stamp_parts(t_ns: int) -> tuple[int, int]:
+    """Return the seconds and nanoseconds of a stamp that is exactly `t_ns`."""
     seconds, nanoseconds = divmod(t_ns, NS_PER_S)
     if not 0 <= seconds <= _MAX_SECONDS:
         raise ValueError(f"time {t_ns} ns does not fit a ROS stamp; expected 0 to 2^31 s")
+    return seconds, nanoseconds
+
+
+def ros_header(t_ns: int, frame_id: str) -> ros.std_msgs__msg__Header:
+    """Return a header whose stamp is exactly `t_ns`."""
     return ros.std_msgs__msg__Header(
-        ros.builtin_interfaces__msg__Time(seconds, nanoseconds), frame_id
+        ros.builtin_interfaces__msg__Time(*stamp_parts(t_ns)), frame_id
     )
 
 
@@ -94,12 +99,9 @@ def flagged_integer(what: str, value: int | None, lowest: int, highest: int) -> 
     return (False, 0) if value is None else (True, integer(what, value, lowest, highest))
 
 
-def not_measured() -> Float64Array:
-    """Return the covariance by which an Imu message says that it does not measure this part.
-
-    Source: sensor_msgs/msg/Imu, -1 in element 0.
-    """
-    return np.array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0])
+# The covariance by which an Imu message says that it does not measure this part: -1 in element 0.
+# Source: sensor_msgs/msg/Imu.
+NOT_MEASURED = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def require_measured(what: str, covariance: Float64Array) -> None:
@@ -115,8 +117,8 @@ def vector(
     return finite(what, (xyz.x, xyz.y, xyz.z), (3,))
 
 
-def _three(what: str, values: Float64Array) -> list[float]:
-    """Return the three numbers; a thousand vectors a second pass here, so the check is short."""
+def three(what: str, values: Float64Array) -> list[float]:
+    """Return the three numbers of a (3,) array, refusing NaN and infinity."""
     numbers: list[float] = values.tolist()
     if values.shape == (3,) and math.isfinite(sum(numbers)):
         return numbers
@@ -124,14 +126,17 @@ def _three(what: str, values: Float64Array) -> list[float]:
     return checked
 
 
+def three_or_nan(what: str, values: Float64Array) -> list[float]:
+    """Return the three numbers of a (3,) array; NaN stands for "no value"."""
+    numbers: list[float] = values.tolist()
+    if values.shape != (3,) or math.inf in numbers or -math.inf in numbers:
+        numbers = no_infinity(what, values, (3,)).tolist()
+    return numbers
+
+
 def ros_vector(what: str, values: Float64Array) -> ros.geometry_msgs__msg__Vector3:
     """Return a (3,) array as a Vector3."""
-    return ros.geometry_msgs__msg__Vector3(*_three(what, values))
-
-
-def ros_point(what: str, values: Float64Array) -> ros.geometry_msgs__msg__Point:
-    """Return a (3,) array as a Point."""
-    return ros.geometry_msgs__msg__Point(*_three(what, values))
+    return ros.geometry_msgs__msg__Vector3(*three(what, values))
 
 
 def unit_quaternion(values: ArrayLike) -> Float64Array:
@@ -146,10 +151,10 @@ def unit_quaternion(values: ArrayLike) -> Float64Array:
     return quat
 
 
-def ros_quaternion(quat_wxyz: Float64Array) -> ros.geometry_msgs__msg__Quaternion:
-    """Return w, x, y, z as a ROS quaternion, which puts w last."""
+def xyzw(quat_wxyz: Float64Array) -> tuple[float, float, float, float]:
+    """Return w, x, y, z as a ROS quaternion has them, which puts w last."""
     w, x, y, z = unit_quaternion(quat_wxyz).tolist()
-    return ros.geometry_msgs__msg__Quaternion(x, y, z, w)
+    return x, y, z, w
 
 
 def quaternion(rotation: ros.geometry_msgs__msg__Quaternion) -> Float64Array:

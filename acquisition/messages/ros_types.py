@@ -18,6 +18,8 @@ from rosbags.typesys.store import Typestore
 # cannot know its fields; the round-trip tests know them.
 RosMessage: TypeAlias = Any
 
+IMU_TYPE = "sensor_msgs/msg/Imu"
+
 _DEFINITIONS = Path(__file__).with_name("msg")
 
 

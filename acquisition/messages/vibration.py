@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from acquisition.messages import ros_fields as fields
+from acquisition.messages.cdr_layout import Parts, layout
 from acquisition.messages.frames import VIBRATION_FRAME
-from acquisition.messages.ros_types import RosMessage, ros_class
+from acquisition.messages.ros_types import RosMessage
 from drivers.samples import VibrationQuantity, VibrationSample, VibrationStatistic
 
 VIBRATION_TYPE = "terravibe_msgs/msg/TriaxialVibration"
@@ -27,16 +28,16 @@ _QUANTITY_OF = {code: word for word, code in QUANTITIES.items()}
 _STATISTIC_OF = {code: word for word, code in STATISTICS.items()}
 
 
-def encode_vibration(sample: VibrationSample) -> object:
+def encode_vibration(sample: VibrationSample) -> Parts:
     """Return the vibration; host_receive_ns repeats the stamp, which nobody has translated yet."""
     if sample.quantity not in QUANTITIES or sample.statistic not in STATISTICS:
         raise ValueError(f"{sample.quantity!r}, {sample.statistic!r} is no known amplitude")
-    return ros_class(VIBRATION_TYPE)(
-        fields.ros_header(sample.t_ns, VIBRATION_FRAME),
+    return layout(VIBRATION_TYPE, VIBRATION_FRAME)(
+        sample.t_ns,
         sample.t_ns,
         fields.integer("sequence", sample.sequence, 0, fields.MAX_UINT32),
-        fields.no_infinity("amplitude", sample.amplitude, (3,)),
-        fields.no_infinity("frequency", sample.frequency_hz, (3,)),
+        *fields.three_or_nan("amplitude", sample.amplitude),
+        *fields.three_or_nan("frequency", sample.frequency_hz),
         QUANTITIES[sample.quantity],
         STATISTICS[sample.statistic],
         *fields.flagged("temperature", sample.temperature_c),

@@ -8,13 +8,15 @@ import numpy as np
 from rosbags.typesys.stores import ros2_humble as ros
 
 from acquisition.messages import ros_fields as fields
+from acquisition.messages.cdr_layout import Parts, layout
 from acquisition.messages.companions import Companion
 from acquisition.messages.frames import WHEELS_FRAME
-from acquisition.messages.ros_types import RosMessage, ros_class
+from acquisition.messages.ros_types import RosMessage
 from drivers.samples import CanFrameSample, WheelTwistSample
 
 CAN_TYPE = "can_msgs/msg/Frame"
 SPEEDS_TYPE = "terravibe_msgs/msg/WheelSpeeds"
+TWIST_TYPE = "geometry_msgs/msg/TwistWithCovarianceStamped"
 
 _MAX_ID = 2**29 - 1
 _MAX_STANDARD_ID = 2**11 - 1
@@ -22,22 +24,23 @@ _MAX_DATA_BYTES = 8
 
 # Of what wheels cannot tell, (m/s)^2 and (rad/s)^2: sigma of 1000, which is no knowledge at all.
 _UNKNOWN_VARIANCE = 1e6
+_USELESS_COVARIANCE: list[float] = np.diag([_UNKNOWN_VARIANCE] * 6).ravel().tolist()
 _SPEED, _YAW_RATE = 0, 35  # places of the variances of x and of rotation about z among the 6 x 6
 
 
-def encode_can(frame: CanFrameSample) -> object:
+def encode_can(frame: CanFrameSample) -> Parts:
     """Return the frame; unused data bytes are 0."""
     used = len(frame.data)
     if used > _MAX_DATA_BYTES:
         raise ValueError(f"the frame has {used} bytes; expected 0 to {_MAX_DATA_BYTES}")
-    return ros_class(CAN_TYPE)(
-        fields.ros_header(frame.t_ns, frame.channel),
+    return layout(CAN_TYPE, frame.channel)(
+        frame.t_ns,
         _checked_id(frame.arbitration_id, short=not (frame.is_extended or frame.is_error)),
         frame.is_remote,
         frame.is_extended,
         frame.is_error,
         used,
-        np.frombuffer(frame.data.ljust(_MAX_DATA_BYTES, b"\0"), dtype=np.uint8),
+        *frame.data.ljust(_MAX_DATA_BYTES, b"\0"),
     )
 
 
@@ -62,25 +65,15 @@ def _checked_id(arbitration_id: int, *, short: bool) -> int:
     return fields.integer("arbitration id", arbitration_id, 0, longest)
 
 
-def encode_twist(
-    sample: WheelTwistSample,
-) -> ros.geometry_msgs__msg__TwistWithCovarianceStamped:
+def encode_twist(sample: WheelTwistSample) -> Parts:
     """Return forward speed and yaw rate; the other motions are 0 with a useless variance."""
-    variances = np.full(6, _UNKNOWN_VARIANCE)
-    variances[0] = _variance("speed", sample.speed_sigma_m_s)
-    variances[5] = _variance("yaw rate", sample.yaw_rate_sigma_rad_s)
+    covariance = _USELESS_COVARIANCE.copy()
+    covariance[_SPEED] = _variance("speed", sample.speed_sigma_m_s)
+    covariance[_YAW_RATE] = _variance("yaw rate", sample.yaw_rate_sigma_rad_s)
     speed_m_s = fields.finite_number("speed", sample.speed_m_s)
     yaw_rate_rad_s = fields.finite_number("yaw rate", sample.yaw_rate_rad_s)
-    return ros.geometry_msgs__msg__TwistWithCovarianceStamped(
-        fields.ros_header(sample.t_ns, WHEELS_FRAME),
-        ros.geometry_msgs__msg__TwistWithCovariance(
-            ros.geometry_msgs__msg__Twist(
-                ros.geometry_msgs__msg__Vector3(speed_m_s, 0.0, 0.0),
-                ros.geometry_msgs__msg__Vector3(0.0, 0.0, yaw_rate_rad_s),
-            ),
-            np.diag(variances).ravel(),
-        ),
-    )
+    linear, angular = (speed_m_s, 0.0, 0.0), (0.0, 0.0, yaw_rate_rad_s)
+    return layout(TWIST_TYPE, WHEELS_FRAME)(sample.t_ns, *linear, *angular, *covariance)
 
 
 def decode_twist(
@@ -118,12 +111,12 @@ def _sigma(what: str, variance: float) -> float:
     return math.sqrt(variance)
 
 
-def encode_speeds(sample: WheelTwistSample) -> object | None:
+def encode_speeds(sample: WheelTwistSample) -> Parts | None:
     """Return the speeds of both sides, or None for a vehicle that reports none."""
     if sample.left_m_s is None and sample.right_m_s is None:
         return None
-    return ros_class(SPEEDS_TYPE)(
-        fields.ros_header(sample.t_ns, WHEELS_FRAME),
+    return layout(SPEEDS_TYPE, WHEELS_FRAME)(
+        sample.t_ns,
         *fields.flagged("left speed", sample.left_m_s),
         *fields.flagged("right speed", sample.right_m_s),
     )

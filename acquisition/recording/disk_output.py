@@ -14,7 +14,7 @@ from drivers.source import SourceInfo
 
 
 class DiskOutput:
-    """A recording on disk: NAME.mcap, or NAME_000.mcap and so on when it is split."""
+    """A recording on disk: NAME.mcap, then NAME_001.mcap and so on where it is split."""
 
     def __init__(
         self,

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from acquisition.errors import OutputEndedError, StreamError
 from acquisition.recording.disk_sync import DiskSync
+from acquisition.stream.open_part import NO_LIMITS, PartLimits
 from acquisition.stream.parts import part_path
-from acquisition.stream.split_writer import NO_LIMITS, PartLimits
 
 MB = 1_000_000
 
@@ -59,7 +59,6 @@ class FolderStore:
         self.left: list[str] = []
         self.sync = DiskSync(settings.sync_interval_s)
         self._path = path
-        self._numbered = settings.limits != NO_LIMITS
         self._folders = [path.parent, *settings.fallback_folders]
         self._reserve_bytes = settings.reserve_bytes
         self._free = free
@@ -73,7 +72,7 @@ class FolderStore:
         while problem := self.problem():
             self._leave(problem)
         number = len(self.files)
-        name = part_path(self._path, number, numbered=self._numbered).name
+        name = part_path(self._path, number).name
         path = self._folders[0] / name
         try:
             path.touch(exist_ok=False)

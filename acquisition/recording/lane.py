@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from acquisition.clocks.clock_follower import DEFAULT_TUNING, ClockTuning
 from acquisition.clocks.recorder_clock import Clock
 from acquisition.recording.intake import Intake, Stamped
 from acquisition.recording.source_worker import SourceWorker
@@ -21,10 +22,14 @@ class Lane:
     """
 
     def __init__(
-        self, worker: SourceWorker, clock: Clock, rates_hz: Mapping[type[Sample], float]
+        self,
+        worker: SourceWorker,
+        clock: Clock,
+        rates_hz: Mapping[type[Sample], float],
+        tuning: ClockTuning = DEFAULT_TUNING,
     ) -> None:
         self.worker = worker
-        self.intake = Intake(clock, rates_hz)
+        self.intake = Intake(clock, rates_hz, tuning)
         self.refusal = ""
         self._announced: SourceInfo | None = None
 

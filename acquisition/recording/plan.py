@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from acquisition.clocks.clock_follower import ClockTuning
 from acquisition.health.snapshot import HealthSnapshot
+from acquisition.messages.codec import DepthFormat
 from acquisition.messages.frames import StaticTransform
 from acquisition.recording.preflight import PREFLIGHT_TIMEOUT_S, STOP_TIMEOUT_S
 from acquisition.recording.source_worker import WorkerSettings
@@ -24,7 +26,9 @@ class RecordingPlan:
         static_transforms: where the frames sit.
         settings: the resolved configuration, as JSON values; kept in the recording.
         rates_hz: expected rates, over what the sources say themselves.
+        clocks: what is known about the sources' own clocks, by name of the source.
         require_all: refuse to start unless every source is there.
+        depth_format: how depth frames are written.
         flush_interval_s: at most about so much is lost when the program is killed.
         preflight_timeout_s: how long a source may take to open.
         stop_timeout_s: how long the drivers may take to return at the end.
@@ -34,7 +38,9 @@ class RecordingPlan:
     static_transforms: Sequence[StaticTransform] = ()
     settings: Mapping[str, object] = field(default_factory=dict)
     rates_hz: Mapping[type[Sample], float] = field(default_factory=dict)
+    clocks: Mapping[str, ClockTuning] = field(default_factory=dict)
     require_all: bool = False
+    depth_format: DepthFormat = "raw"
     flush_interval_s: float = 0.05
     preflight_timeout_s: float = PREFLIGHT_TIMEOUT_S
     stop_timeout_s: float = STOP_TIMEOUT_S

@@ -17,6 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
+from acquisition.clocks.clock_follower import DEFAULT_TUNING
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.clocks.host_clock import HostClock
 from acquisition.clocks.recorder_clock import Clock
@@ -24,6 +25,7 @@ from acquisition.errors import OutputEndedError, RecorderError, StreamError
 from acquisition.health.diagnostics import Diagnostics
 from acquisition.health.monitor import HealthMonitor
 from acquisition.health.snapshot import HealthSnapshot, diagnostics_of, statistics_record
+from acquisition.recording.clock_records import ClockRecords
 from acquisition.recording.intake import Stamped
 from acquisition.recording.lane import Lane
 from acquisition.recording.output import RecordingOutput
@@ -73,9 +75,17 @@ class Recorder:
         self._clock = clock or HostClock()
         self._output = output
         self._workers = [SourceWorker(s, self._clock, self._plan.worker) for s in sources]
-        self._lanes = [Lane(w, self._clock, self._plan.rates_hz) for w in self._workers]
+        self._lanes = [
+            Lane(
+                worker,
+                self._clock,
+                self._plan.rates_hz,
+                self._plan.clocks.get(worker.name, DEFAULT_TUNING),
+            )
+            for worker in self._workers
+        ]
         self._monitor = HealthMonitor(self._lanes, self._output, self._clock)
-        self._clock_sequence = 0
+        self._clock_records = ClockRecords(self._lanes, self._clock)
         self._newest_ns: int | None = None
         self._handed = 0
         self._hanging: tuple[str, ...] = ()
@@ -147,6 +157,7 @@ class Recorder:
             static_transforms=self._plan.static_transforms,
             settings=self._plan.settings,
             statistics=lambda: statistics_record(self._health()),
+            depth_format=self._plan.depth_format,
         )
 
     def _health(self) -> HealthSnapshot:
@@ -218,7 +229,8 @@ class Recorder:
         """Take the figures of the interval, and write them to /diagnostics."""
         snapshot = self._monitor.end_interval()
         self.snapshot = snapshot
-        self._write([*self._clock_records(), *self._health_records(snapshot)])
+        clocks = self._clock_records.now() if self._is_live() else []
+        self._write([*clocks, *self._health_records(snapshot)])
         return snapshot
 
     def _is_live(self) -> bool:
@@ -231,18 +243,6 @@ class Recorder:
         if t_ns is None:
             return []
         return [Stamped(t_ns, diagnostics_of(replace(snapshot, t_ns=t_ns)))]
-
-    def _clock_records(self) -> list[Stamped]:
-        """Return what the host's clocks say, and what happened to them, in log time."""
-        if not self._is_live():
-            return []
-        samples = self._clock.samples(self._clock_sequence)
-        self._clock_sequence += len(samples)
-        times_ns = [self._clock.log_time_ns(sample.t_ns) for sample in samples]
-        return [
-            Stamped(t_ns, replace(sample, t_ns=t_ns))
-            for t_ns, sample in zip(times_ns, samples, strict=True)
-        ]
 
     def _finish(self, outcome: Outcome, message: str) -> RecordingResult:
         files: tuple[Path, ...] = ()

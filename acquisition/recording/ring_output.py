@@ -15,8 +15,9 @@ from acquisition.files import replacing
 from acquisition.recording.folder_store import MB, free_bytes
 from acquisition.recording.intake import Stamped
 from acquisition.recording.output import OutputState
+from acquisition.stream.open_part import PartLimits
 from acquisition.stream.parts import part_path
-from acquisition.stream.split_writer import Head, PartLimits, SplitWriter
+from acquisition.stream.split_writer import Head, SplitWriter
 from drivers.source import SourceInfo
 
 # The ring forgets whole parts, so it holds between 1 and 1 + 1/8 of what was asked for.
@@ -87,7 +88,7 @@ class _MemoryStore:
 
 
 class RingOutput:
-    """Keeps the last seconds in memory; `trigger` has them written as NAME_snap000_000.mcap, ...
+    """Keeps the last seconds in memory; `trigger` has them written as NAME_snap000.mcap, ...
 
     Each snapshot is a recording in parts. What one holds is not in the next, so that snapshots
     in quick succession follow each other without overlap.
@@ -145,7 +146,7 @@ class RingOutput:
                 f"snapshot {path} of {size_bytes // MB} MB not written: {free // MB} MB are "
                 f"free, the reserve is {self._settings.reserve_bytes // MB} MB"
             )
-        files = [part_path(path, index, numbered=True) for index in range(len(parts))]
+        files = [part_path(path, index) for index in range(len(parts))]
         for file, data in zip(files, parts, strict=True):
             _write_file(file, data)
         return files

@@ -15,7 +15,7 @@ SMALL_SAMPLE_BYTES = 1024
 
 
 class Batch(NamedTuple):
-    """What one read of a source gave.
+    """What reads of a source gave, one after the other, with nothing lost between them.
 
     Attributes:
         info: the source, as it was when it was opened.
@@ -25,7 +25,7 @@ class Batch(NamedTuple):
     """
 
     info: SourceInfo
-    samples: Sequence[Sample]
+    samples: list[Sample]
     dropped_before: int
     reopened: bool
 
@@ -77,25 +77,32 @@ class SampleQueue:
         with self._lock:
             kept = self._that_fit(samples)
             if kept or reopened:
-                self._batches.append(Batch(info, kept, self._dropped_untold, reopened))
-                self._dropped_untold = 0
+                self._add(info, kept, reopened=reopened)
             lost = len(samples) - len(kept)
             self._dropped += lost
             self._dropped_untold += lost
 
+    def _add(self, info: SourceInfo, kept: Sequence[Sample], *, reopened: bool) -> None:
+        """Put samples into the last batch, which is cheaper to handle than many small ones."""
+        last = self._batches[-1] if self._batches else None
+        if last is None or last.info is not info or reopened or self._dropped_untold:
+            self._batches.append(Batch(info, list(kept), self._dropped_untold, reopened))
+            self._dropped_untold = 0
+        else:
+            last.samples.extend(kept)
+
     def _that_fit(self, samples: Sequence[Sample]) -> Sequence[Sample]:
         """Return the first of them that find room, and count them as waiting."""
-        size_bytes = kept = 0
-        room_bytes = self._limit_bytes - self._size_bytes
+        kept = 0
         for sample in samples:
-            size_bytes += size_in_memory(sample)
-            if size_bytes > room_bytes:
-                size_bytes -= size_in_memory(sample)
+            size_bytes = self._size_bytes + size_in_memory(sample)
+            if size_bytes > self._limit_bytes:
                 break
+            self._size_bytes = size_bytes
             kept += 1
         self._samples += kept
-        self._size_bytes += size_bytes
-        self._highest_bytes = max(self._highest_bytes, self._size_bytes)
+        if self._size_bytes > self._highest_bytes:
+            self._highest_bytes = self._size_bytes
         return samples if kept == len(samples) else samples[:kept]
 
     def take(self) -> list[Batch]:

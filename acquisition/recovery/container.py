@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from mcap.opcode import Opcode
 from mcap.records import Channel, DataEnd, Footer, Message, Metadata, Schema
 
+from acquisition.recovery.record_checks import may_be_another_kind
 from acquisition.stream.byte_source import ByteSource
 from acquisition.stream.chunks import Content, open_chunk, parse, parse_chunk, parse_message
 from acquisition.stream.framing import HEAD, MAX_RECORD_BYTES, RawRecord, RecordFramer
@@ -60,6 +61,7 @@ class Container:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._in_summary = False
+        self._chunked = False
 
     @property
     def bytes_read(self) -> int:
@@ -103,7 +105,7 @@ class Container:
     def _outside_chunks(self, record: RawRecord) -> list[RecordedMessage]:
         match record.opcode:
             case Opcode.MESSAGE:
-                return [self._recorded(parse_message(record.body), protected=False)]
+                return [self._lone_message(record)]
             case Opcode.SCHEMA:
                 schema = parse(Schema.read, record.body)
                 self._schemas.setdefault(schema.id, schema)
@@ -120,8 +122,15 @@ class Container:
                 self._check_summary(record)
         return []
 
+    def _lone_message(self, record: RawRecord) -> RecordedMessage:
+        """Return a message outside chunks; one wrong bit makes such a one of other records."""
+        if may_be_another_kind(record.body, chunked=self._chunked):
+            raise ValueError("message that has the form of another record")
+        return self._recorded(parse_message(record.body), protected=False)
+
     def _chunk(self, record: RawRecord) -> list[RecordedMessage]:
         start_ns = end_ns = None
+        self._chunked = True
         try:
             chunk = parse_chunk(record.body)
             start_ns, end_ns = chunk.message_start_time, chunk.message_end_time

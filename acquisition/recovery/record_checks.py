@@ -6,7 +6,6 @@ Format: https://mcap.dev/spec. Chunks and attachments carry a checksum; nothing 
 from __future__ import annotations
 
 import struct
-import zlib
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -16,6 +15,7 @@ from mcap import records
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
 
+from acquisition.recovery.attachment_checks import exact_attachment, has_checksum
 from acquisition.recovery.damaged_file import DamagedFile
 from acquisition.stream.chunks import Content, open_chunk, parse, parse_chunk, parse_message
 from acquisition.stream.framing import (
@@ -172,7 +172,7 @@ def read_sound(file: DamagedFile, head: Head) -> SoundRecord:
         chunk, inside = _open_chunk(body)
         return SoundRecord(head, body, chunk.uncompressed_crc != 0, chunk, inside)
     if head.opcode == Opcode.ATTACHMENT:
-        return SoundRecord(head, body, _attachment_checksum(body), _exact_attachment(body))
+        return SoundRecord(head, body, has_checksum(body), exact_attachment(body))
     if head.opcode == Opcode.MESSAGE:
         return SoundRecord(head, body, False, parse_message(body))
     if head.opcode == Opcode.MESSAGE_INDEX:
@@ -205,24 +205,6 @@ def _exact(kind: _Kind, opcode: int, body: bytes) -> records.McapRecord:
     return record
 
 
-def _attachment_checksum(body: bytes) -> bool:
-    """Return whether an attachment has a checksum; a wrong one is a ValueError."""
-    if len(body) < _CRC_BYTES:
-        raise ValueError(f"attachment record of {len(body)} bytes")
-    (expected,) = _U32.unpack(body[-_CRC_BYTES:])
-    if expected not in (0, zlib.crc32(memoryview(body)[:-_CRC_BYTES])):
-        raise ValueError("attachment checksum differs")
-    return bool(expected)
-
-
-def _exact_attachment(body: bytes) -> records.Attachment:
-    attachment: records.Attachment = parse(records.Attachment.read, body)
-    names = len(attachment.name.encode()) + len(attachment.media_type.encode())
-    if len(body) != _TIMES.size + 8 + names + 8 + len(attachment.data) + _CRC_BYTES:
-        raise ValueError("attachment record of another form than it must have")
-    return attachment
-
-
 def _check_message_index(body: bytes) -> None:
     # Not rewritten: there are as many entries as messages, and nobody needs them.
     entries = len(body) - _INDEX_HEAD_BYTES
@@ -230,10 +212,18 @@ def _check_message_index(body: bytes) -> None:
         raise ValueError("message index record of another form than it must have")
 
 
-def may_be_another_kind(body: bytes) -> bool:
-    """Tell whether the body of a message record has the form of a kind that one bit makes of it."""
+def may_be_another_kind(body: bytes, *, chunked: bool = True) -> bool:
+    """Tell whether the body of a message record has the form of a kind that one bit makes of it.
+
+    Args:
+        body: of the record.
+        chunked: the recording has chunks. Without any there is no index of their messages, and
+            one in thousands of good messages looks like one.
+    """
     for opcode in (bit ^ Opcode.MESSAGE for bit in (1, 2, 4, 8)):
         try:
+            if opcode == Opcode.MESSAGE_INDEX and not chunked:
+                continue
             if opcode == Opcode.MESSAGE_INDEX:
                 _check_message_index(body)
             else:

@@ -58,8 +58,7 @@ class StreamOutput:
         except OSError as error:
             self.failed = True
             raise StreamError(
-                f"cannot write {self.name} after {self._length} bytes: {error.strerror}; "
-                "what was written before stays readable"
+                f"cannot write {self.name} after {self._length} bytes: {error.strerror}"
             ) from error
         self._length += len(data)
         self._crc = zlib.crc32(data, self._crc)

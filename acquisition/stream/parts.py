@@ -15,9 +15,13 @@ from acquisition.stream.reader import StreamMessage, StreamReader
 PART_NAME = "terravibe.part"  # the metadata record that names recording and part
 
 
-def part_path(path: Path, number: int, *, numbered: bool) -> Path:
-    """Return the path of a part: NAME_003.mcap; the first is NAME.mcap unless numbered."""
-    if number == 0 and not numbered:
+def part_path(path: Path, number: int) -> Path:
+    """Return the path of a part: NAME.mcap, then NAME_001.mcap and so on.
+
+    So a recording has the name that it was given, and no file changes its name when a second part
+    follows.
+    """
+    if number == 0:
         return path
     return path.with_name(f"{path.stem}_{number:03d}{path.suffix}")
 
@@ -26,14 +30,13 @@ def parts_of(path: Path, fallback_folders: Sequence[Path] = ()) -> list[Path]:
     """Return the parts that are there of a recording, in order.
 
     Args:
-        path: the name under which it was recorded, or its first part.
+        path: the name under which it was recorded, which is that of its first part.
         fallback_folders: where else parts may be.
 
     Raises:
         StreamError: there are none.
     """
-    stem = re.sub(r"_\d{3,}$", "", path.stem)
-    pattern = re.compile(rf"{re.escape(stem)}(?:_(\d{{3,}}))?{re.escape(path.suffix)}")
+    pattern = re.compile(rf"{re.escape(path.stem)}(?:_(\d{{3,}}))?{re.escape(path.suffix)}")
     found: list[tuple[int, Path]] = []
     for folder in (path.parent, *fallback_folders):
         for candidate in folder.glob(f"*{path.suffix}"):

@@ -6,6 +6,7 @@ import json
 import platform
 import socket
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 
 from acquisition.errors import StreamError
@@ -13,6 +14,9 @@ from drivers.source import SourceInfo
 
 # The name of the MCAP metadata record.
 METADATA_NAME = "terravibe"
+SOURCE_PREFIX = "source."
+# In "settings": what the user knows about the clock of each source, by name.
+DEVICE_CLOCKS = "device_clocks"
 _LIBRARIES = ("terravibe", "numpy", "mcap", "rosbags")
 
 
@@ -39,7 +43,9 @@ def provenance(sources: Sequence[SourceInfo], settings: Mapping[str, object]) ->
         "versions": _json("versions", software_versions()),
         "host": socket.gethostname(),
     }
-    return record | {f"source.{info.name}": _json(info.name, _identity(info)) for info in sources}
+    for info in sources:
+        record[SOURCE_PREFIX + info.name] = _json(info.name, _identity(info))
+    return record
 
 
 def _identity(info: SourceInfo) -> dict[str, object]:
@@ -50,6 +56,7 @@ def _identity(info: SourceInfo) -> dict[str, object]:
         "time_base": info.time_base,
         "details": dict(info.details),
         "nominal_rate_hz": {kind.__name__: hz for kind, hz in info.nominal_rate_hz.items()},
+        "counter": asdict(info.counter) if info.counter else None,
     }
 
 

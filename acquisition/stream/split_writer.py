@@ -5,22 +5,20 @@ from __future__ import annotations
 import io
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from acquisition.errors import StreamError
-from acquisition.messages.codec import Recordable
+from acquisition.messages.codec import DepthFormat, Recordable
 from acquisition.messages.frames import StaticTransform
 from acquisition.recording.intake import Stamped
+from acquisition.stream.open_part import NEVER, OpenPart, PartLimits
 from acquisition.stream.parts import PART_NAME
 from acquisition.stream.writer import CHUNK_SIZE_BYTES, StreamWriter
 from drivers.source import SourceInfo
 
 STATISTICS_NAME = "terravibe.statistics"
-# The writer below leaves it to this module when a chunk is closed: what is not yet flushed is
-# kept here, to be written again where there is room.
-_NEVER = 2**62
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +32,7 @@ class Head:
         static_transforms: where the frames sit.
         settings: the resolved configuration, as JSON values.
         statistics: gives the record that ends each part: how much came and how much was lost.
+        depth_format: how depth frames are written.
     """
 
     recording: str
@@ -42,22 +41,7 @@ class Head:
     static_transforms: Sequence[StaticTransform]
     settings: Mapping[str, object]
     statistics: Callable[[], Mapping[str, str]]
-
-
-@dataclass(frozen=True, slots=True)
-class PartLimits:
-    """When a part ends; 0 = never.
-
-    Attributes:
-        size_bytes: after compression.
-        duration_ns: from the first to the last log time.
-    """
-
-    size_bytes: int = 0
-    duration_ns: int = 0
-
-
-NO_LIMITS = PartLimits()
+    depth_format: DepthFormat = "raw"
 
 
 class PartStore(Protocol):
@@ -83,30 +67,6 @@ class PartStore(Protocol):
         Raises:
             StreamError: there is no other place.
         """
-
-
-@dataclass(slots=True)
-class _Part:
-    """The part in progress."""
-
-    writer: StreamWriter
-    first_ns: int = -1
-    last_ns: int = -1
-    pending: list[Stamped] = field(default_factory=list)
-    pending_bytes: int = 0
-    flushed: int = 0
-
-    def flush(self) -> None:
-        """Close the chunk; if that fails, `pending` is what is in no complete chunk."""
-        before = self.writer.bytes_written
-        try:
-            self.writer.flush()
-        finally:
-            # A chunk and its index are two records; the chunk alone is enough to be read.
-            if self.writer.bytes_written > before:
-                self.flushed += len(self.pending)
-                self.pending.clear()
-                self.pending_bytes = 0
 
 
 class SplitWriter:
@@ -151,7 +111,7 @@ class SplitWriter:
         in_progress = 0 if self._between_parts else self._part.writer.bytes_written
         return self._finished_bytes + in_progress
 
-    def _begin(self) -> _Part:
+    def _begin(self) -> OpenPart:
         """Begin a part in the first place that takes it."""
         while True:
             output = self._store.next_output()
@@ -163,7 +123,7 @@ class SplitWriter:
                 continue
             self._number += 1
             self._between_parts = False
-            return _Part(writer)
+            return OpenPart(writer, self._limits)
 
     def _identify(self, writer: StreamWriter) -> None:
         identity = {"recording": self._head.recording, "part": str(self._number)}
@@ -180,8 +140,9 @@ class SplitWriter:
             static_transforms=self._head.static_transforms,
             settings=self._head.settings,
             extra_types=self._head.extra_types,
-            flush_interval_ns=_NEVER,
-            chunk_size_bytes=_NEVER,
+            depth_format=self._head.depth_format,
+            flush_interval_ns=NEVER,
+            chunk_size_bytes=NEVER,
         )
 
     def write(self, items: Sequence[Stamped]) -> None:
@@ -197,7 +158,7 @@ class SplitWriter:
 
     def _append(self, item: Stamped) -> int:
         """Write an item to the chunk in progress; return its size, 0 when it was refused."""
-        if self._limits is not NO_LIMITS and self._is_full(item.log_time_ns):
+        if item.log_time_ns >= self._part.ends_ns:
             self._flush()
             self.begin_part()
         part = self._part
@@ -208,22 +169,10 @@ class SplitWriter:
             self.refused[type(item.record)] += 1
             self.refusal = str(error)
             return 0
-        if part.first_ns < 0:
-            part.first_ns = part.last_ns = item.log_time_ns
-        part.last_ns = max(part.last_ns, item.log_time_ns)
-        part.pending.append(item)
-        part.pending_bytes += size_bytes
+        part.took(item, size_bytes)
         if part.pending_bytes >= CHUNK_SIZE_BYTES:
             self._flush()
         return size_bytes
-
-    def _is_full(self, log_time_ns: int) -> bool:
-        limits, part = self._limits, self._part
-        if part.first_ns < 0:
-            return False
-        size_bytes = part.writer.bytes_written
-        too_long = bool(limits.duration_ns) and log_time_ns - part.first_ns >= limits.duration_ns
-        return too_long or (bool(limits.size_bytes) and size_bytes >= limits.size_bytes)
 
     def _flush(self) -> None:
         try:

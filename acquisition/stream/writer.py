@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, BinaryIO, cast
+from typing import BinaryIO
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Schema
-from mcap.writer import Writer
 
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.closing import ClosedOnExit
 from acquisition.errors import StreamError
 from acquisition.messages import codec
-from acquisition.messages.codec import Recordable
+from acquisition.messages.codec import DepthFormat, Recordable
+from acquisition.messages.depth_rvl import prepare_rvl
 from acquisition.messages.frames import StaticTransform, StaticTransforms
+from acquisition.stream.mcap_writer import McapWriter
 from acquisition.stream.output import StreamOutput
 from acquisition.stream.provenance import METADATA_NAME, provenance, software_versions
 from drivers.samples import Sample
@@ -45,6 +46,7 @@ class StreamWriter(ClosedOnExit):
         static_transforms: Sequence[StaticTransform],
         settings: Mapping[str, object],
         extra_types: Sequence[type[Recordable]] = (),
+        depth_format: DepthFormat = "raw",
         flush_interval_ns: int = FLUSH_INTERVAL_NS,
         chunk_size_bytes: int = CHUNK_SIZE_BYTES,
     ) -> None:
@@ -56,6 +58,7 @@ class StreamWriter(ClosedOnExit):
             static_transforms: where the frames sit, for the whole recording.
             settings: the resolved configuration, as JSON values.
             extra_types: what the writing program itself has to say, beside its sources.
+            depth_format: how depth frames are written; readers make no difference.
             flush_interval_ns: stream time after which an open chunk is closed.
             chunk_size_bytes: size before compression at which a chunk is closed.
 
@@ -70,14 +73,16 @@ class StreamWriter(ClosedOnExit):
             *extra_types,
             *_sample_types(sources),
         }
+        self._left_out = codec.left_out_by(depth_format)
+        if depth_format == "rvl":
+            prepare_rvl()
         record = provenance(sources, settings)
         self._transforms = tuple(static_transforms)
         self._flush_interval_ns = flush_interval_ns
         self._flushed_at_ns: int | None = None
         self._closed = False
         self._output = StreamOutput(output)
-        # Of a file, the Writer uses only what StreamOutput has.
-        self._writer = Writer(cast(IO[bytes], self._output), chunk_size=chunk_size_bytes)
+        self._writer = McapWriter(self._output, chunk_size_bytes)
         try:
             self._writer.start("ros2", f"terravibe {software_versions()['terravibe']}")
             self._writer.add_metadata(METADATA_NAME, record)
@@ -103,6 +108,8 @@ class StreamWriter(ClosedOnExit):
         """Register the channels of these types and write their definitions at top level."""
         builder = RecordBuilder()
         for row in codec.types_of(types):
+            if row.topic in self._left_out:
+                continue
             if row.ros_type not in self._schemas:
                 text = codec.schema_text(row.ros_type).encode()
                 schema_id = self._writer.register_schema(row.ros_type, "ros2msg", text)
@@ -135,7 +142,7 @@ class StreamWriter(ClosedOnExit):
             StreamError: closed, or the output refused it.
         """
         self._require_open()
-        self._writer.add_metadata(name, dict(record))
+        self._writer.add_metadata(name, record)
 
     def _require_open(self) -> None:
         if self._closed or self._output.failed:
@@ -153,14 +160,15 @@ class StreamWriter(ClosedOnExit):
             StreamError: closed, not announced, not expressible as a message, or the output
                 refused it (disk full).
         """
-        self._require_open()
+        if self._closed or self._output.failed:
+            self._require_open()
         if type(sample) not in self._types:
             raise StreamError(f"no source of this recording produces {type(sample).__name__}")
         log_time_ns = sample.t_ns if log_time_ns is None else log_time_ns
         if not 0 <= log_time_ns <= _MAX_LOG_TIME_NS:
             raise StreamError(f"log time {log_time_ns} ns is outside 0 to 2^64-1")
         sequence = codec.checked_sequence(sample)
-        encoded = codec.encode(sample)
+        encoded = codec.encode(sample, self._left_out)
         if self._flushed_at_ns is None:
             self._write_transforms(log_time_ns)
             self._flushed_at_ns = log_time_ns
@@ -183,14 +191,9 @@ class StreamWriter(ClosedOnExit):
         sequence: int,
     ) -> int:
         size_bytes = 0
-        for message in encoded:
-            size_bytes += len(message.cdr)
-            self._writer.add_message(
-                channel_id=self._channels[message.topic],
-                log_time=log_time_ns,
-                data=message.cdr,
-                publish_time=publish_time_ns,
-                sequence=sequence,
+        for topic, parts in encoded:
+            size_bytes += self._writer.add_message(
+                self._channels[topic], log_time_ns, publish_time_ns, sequence, parts
             )
         return size_bytes
 

@@ -18,11 +18,12 @@ from drivers.depth.openni_link import OpenNiLink
 from drivers.depth.openni_protocol import End, Ready
 from drivers.errors import DriverError, EndOfSource
 from drivers.samples import CameraIntrinsics, DepthFrame
-from drivers.source import SourceInfo
+from drivers.source import SourceInfo, TickCounter
 
 # What FreenectDriver reports for Kinect V1: 58.5 and 45.6 degrees.
 KINECT_FOV_RAD = (1.0210, 0.7959)
 
+_TICK_HZ = 1_000_000  # OpenNI's own unit, whatever the device counts
 KINECT_TICK_HZ = 60_000_000
 KINECT_TICK_WRAP = 2**32  # 71.6 s
 
@@ -235,7 +236,7 @@ class OpenNiDepth:
             "mode": f"{ready.width_px}x{ready.height_px} at {ready.rate_hz} Hz, 1 mm",
             "decimation": str(self._decimation),
             "intrinsics_from": origin,
-            "device_tick_hz": "1000000",
+            "device_tick_hz": str(_TICK_HZ),
         }
         if ready.frames is not None:
             details["frames"] = str(ready.frames)
@@ -247,6 +248,7 @@ class OpenNiDepth:
             time_base="monotonic" if self._file is None else "recorded",
             details=details,
             nominal_rate_hz={DepthFrame: float(ready.rate_hz)},
+            counter=TickCounter(_TICK_HZ),
         )
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from drivers.errors import DriverError
 from drivers.samples import AccelerationSample, Sample, VibrationSample
-from drivers.source import SourceInfo
+from drivers.source import SourceInfo, TickCounter
 from drivers.vibration.profile import load_profile
 from drivers.vibration.profile_tables import VibrationProfile
 from drivers.vibration.serial_link import open_serial
@@ -151,6 +151,7 @@ class VibrationSensor:
             time_base="monotonic",
             details=details,
             nominal_rate_hz=dict.fromkeys(produces, profile.link.nominal_rate_hz),
+            counter=TickCounter(1.0 / clock.tick_s, clock.wrap_ticks) if clock else None,
         )
 
 

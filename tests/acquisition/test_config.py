@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from acquisition.clocks.clock_follower import ClockTuning
 from acquisition.config import use as config_use
 from acquisition.config.model import MapSection, RecordingSection, RoverConfig
 from acquisition.config.rover_file import LoadedConfig, default_text, load, parse
@@ -27,6 +28,7 @@ FULL = """
 [recording]
 name = "moon"
 flush_ms = 20
+depth_format = "rvl"
 queue_mb = 8
 require_all = true
 
@@ -120,6 +122,10 @@ def test_the_map_section_is_what_mapping_expects() -> None:
             CIRCLE,
             ":1: mounts: a sits on itself",
         ),
+        (
+            "[[devices]]\nkind = 'png'\n[devices.clock]\nwrap_ticks = 256\n",
+            ":3: devices.0.clock: wrap_ticks is given without tick_rate_hz",
+        ),
         ("a = 1\nb =\n", ":2: not TOML"),
         ("x = 1\ny = 2\n[z]\n", ":1: x: unknown key (and 2 more)"),
     ],
@@ -146,7 +152,7 @@ def test_devices_are_constructed_with_their_settings() -> None:
 
 def test_a_setting_that_the_driver_does_not_know_is_told_with_its_line() -> None:
     text = FULL.replace("rate_hz = 30.0", "rate_hz = 30.0\nbaud = 9600")
-    with pytest.raises(ConfigError, match=r"toml:8: devices.0: settings of kind 'png': .*baud"):
+    with pytest.raises(ConfigError, match=r"toml:9: devices.0: settings of kind 'png': .*baud"):
         config_use.sources_of(loaded(text))
 
 
@@ -170,12 +176,22 @@ def test_a_quaternion_is_taken_as_it_is() -> None:
 
 
 def test_the_plan_is_what_the_file_says() -> None:
-    plan = config_use.plan_of(loaded(FULL))
+    plan = config_use.plan_of(loaded(FULL), config_use.sources_of(loaded(FULL)))
     assert plan.require_all
     assert plan.flush_interval_s == 0.02
+    assert plan.depth_format == "rvl"
     assert plan.worker.queue_limit_bytes == 8_000_000
     assert plan.rates_hz == {DepthFrame: 30.0}
     assert len(plan.static_transforms) == 1
+
+
+def test_the_clock_of_a_device_is_tuned_and_recorded() -> None:
+    clock = "[devices.clock]\ntick_rate_hz = 60e6\nwrap_ticks = 4294967296\nmax_drift_ppm = 9e3\n"
+    own = loaded(FULL.replace("[mounts", clock + "min_delay_ms = 8.5\n[mounts", 1))
+    plan = config_use.plan_of(own, config_use.sources_of(own))
+    expected = ClockTuning(60e6, 1 << 32, max_drift_ppm=9e3, min_delay_ns=8_500_000)
+    assert plan.clocks == {"depth": expected}
+    assert plan.settings["device_clocks"] == {"depth": asdict(expected)}
 
 
 def test_the_recording_keeps_everything_and_mapping_finds_it(tmp_path: Path) -> None:
@@ -205,7 +221,7 @@ def test_output_and_name(tmp_path: Path) -> None:
 
 def test_a_vehicle_without_a_clock_does_not_reuse_a_name(tmp_path: Path) -> None:
     config = loaded("", tmp_path / "r.toml")
-    (tmp_path / "rover_19700101T000001Z_000.mcap").touch()
+    (tmp_path / "rover_19700101T000001Z_001.mcap").touch()
     second = config_use.recording_path(config, 10**9)
     assert second.name == "rover_19700101T000001Z-2.mcap"
     second.touch()

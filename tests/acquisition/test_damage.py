@@ -70,6 +70,22 @@ def test_a_cut_loses_only_the_chunk_it_lies_in() -> None:
     assert len(behind) > len(before)
 
 
+@pytest.mark.parametrize("kind", [Opcode.MESSAGE_INDEX, Opcode.CHANNEL])
+def test_a_bit_that_makes_a_message_of_another_record_makes_none(kind: Opcode) -> None:
+    record = next(record for record in raw_records(DATA) if record.opcode == kind)
+    data = bytearray(DATA)
+    data[record.offset] = Opcode.MESSAGE
+    assert (kind ^ Opcode.MESSAGE).bit_count() == 1
+    messages, reader = handed_on(bytes(data))
+    assert messages == WHOLE
+    (damage,) = reader.report.damaged
+    assert (damage.offset, damage.reason) == (
+        record.offset,
+        "message that has the form of another record",
+    )
+    assert not reader.report.skipped
+
+
 @pytest.mark.parametrize("number", [0, 1, 3])
 def test_a_damaged_chunk_is_left_out_whole_and_told(number: int) -> None:
     chunk = chunks(DATA)[number]

@@ -250,7 +250,7 @@ def decoded_by_rosbags(tmp_path: Path) -> dict[str, Any]:
 def test_rosbags_decodes_every_topic(decoded_by_rosbags: dict[str, Any]) -> None:
     found = decoded_by_rosbags
     rows = codec.types_of([StaticTransforms, *get_args(Sample)])
-    assert set(found) == {row.topic for row in rows}
+    assert set(found) == {row.topic for row in rows} - codec.left_out_by("raw")
     shaken = found["/vibration"]
     assert (shaken.header.frame_id, shaken.host_receive_ns) == ("vibration_sensor", START_NS)
     assert (shaken.quantity, shaken.statistic) == (1, 2)

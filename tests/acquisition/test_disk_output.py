@@ -17,9 +17,10 @@ from acquisition.recording.disk_output import DiskOutput
 from acquisition.recording.folder_store import DiskSettings
 from acquisition.recording.intake import Stamped
 from acquisition.stream.byte_source import FinishedFile
+from acquisition.stream.open_part import NO_LIMITS, PartLimits
 from acquisition.stream.parts import part_path, parts_of, read_parts
 from acquisition.stream.reader import StreamReader
-from acquisition.stream.split_writer import NO_LIMITS, STATISTICS_NAME, Head, PartLimits
+from acquisition.stream.split_writer import STATISTICS_NAME, Head
 from drivers.samples import DepthFrame, Sample
 from tests.acquisition.test_stream_writer import files_may_grow_to
 from tests.fakes.recordings import MOUNT, SETTINGS, SOURCE, acceleration, pose, same, samples
@@ -62,7 +63,7 @@ def content_of(paths: Sequence[Path]) -> list[Sample]:
 def test_parts_play_as_one_recording(tmp_path: Path, limits: PartLimits) -> None:
     files = recorded(tmp_path / "r.mcap", limits)
     assert len(files) >= 4
-    assert [path.name for path in files[:2]] == ["r_000.mcap", "r_001.mcap"]
+    assert [path.name for path in files[:2]] == ["r.mcap", "r_001.mcap"]
     assert parts_of(tmp_path / "r.mcap") == list(files) == parts_of(files[0])
     played = content_of(files)
     assert len(played) == len(SAMPLES)
@@ -98,10 +99,14 @@ def test_no_part_at_all_is_told(tmp_path: Path) -> None:
         parts_of(tmp_path / "r.mcap")
 
 
-def test_an_unsplit_recording_keeps_its_name(tmp_path: Path) -> None:
-    path = tmp_path / "r.mcap"
-    assert recorded(path, NO_LIMITS) == (path,)
-    assert part_path(path, 12, numbered=False) == tmp_path / "r_012.mcap"
+@pytest.mark.parametrize("limits", [NO_LIMITS, PartLimits(duration_ns=10**12)])
+def test_a_recording_in_one_part_has_the_name_that_was_given(
+    tmp_path: Path, limits: PartLimits
+) -> None:
+    path = tmp_path / "r_001.mcap"
+    assert recorded(path, limits) == (path,)
+    assert parts_of(path) == [path]
+    assert part_path(path, 12) == tmp_path / "r_001_012.mcap"
 
 
 def test_at_the_reserve_the_recording_is_completed_and_says_so(tmp_path: Path) -> None:

@@ -100,6 +100,13 @@ def test_lines_say_who_is_in_trouble() -> None:
     ]
 
 
+def test_the_rate_of_a_devices_clock_is_shown_where_it_is_known() -> None:
+    snapshot = replace(SNAPSHOT, sources=(replace(GYRO, clock_skew_ppm=-40.04),))
+    line = "OK gyro: 399.8/400 Hz recording, clock -40.0 ppm"
+    assert lines_of(snapshot)[1] == line
+    assert diagnostics_of(snapshot).statuses[1].values["clock_skew_ppm"] == "-40.04"
+
+
 def test_the_table_shows_every_stream_and_takes_names_literally() -> None:
     (stream,) = GYRO.streams
     unknown = replace(FIGURES, rate_hz=None, nominal_rate_hz=None, jitter_s=None)

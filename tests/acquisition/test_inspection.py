@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from acquisition.errors import StreamError
 from acquisition.inspection import check, inspect
 from acquisition.messages import codec
-from drivers.samples import Sample
+from drivers.samples import CanFrameSample, Sample
+from tests.fakes.device_samples import can_frame, device_recording
 from tests.fakes.foreign import IMAGE, INFO, POSE, foreign, parts
 from tests.fakes.recordings import START_NS, depth_frame, pose, recording, samples
 
@@ -95,6 +97,38 @@ def test_gaps_are_found(tmp_path: Path) -> None:
     content = [pose(i, START_NS + t * 10**7) for i, t in enumerate(times)]
     assert findings(tmp_path, content) == {("gap", POSE)}
     assert findings(tmp_path, content, max_gap_periods=7.0) == set()
+
+
+def frames(times_ms: Sequence[float]) -> list[CanFrameSample]:
+    return [can_frame(i, START_NS + round(t * 10**6)) for i, t in enumerate(times_ms)]
+
+
+def bursts(count: int, of: int, apart_ms: float) -> list[float]:
+    return [apart_ms * burst + 0.2 * frame for burst in range(count) for frame in range(of)]
+
+
+def arrivals(count: int) -> list[float]:
+    steps_ms = np.random.default_rng(5).exponential(20.0, count)
+    times_ms: list[float] = np.cumsum(steps_ms).tolist()
+    return times_ms
+
+
+@pytest.mark.parametrize("times_ms", [bursts(60, 4, 20.0), bursts(40, 150, 1000.0), arrivals(3000)])
+def test_bursts_and_events_are_no_gaps(tmp_path: Path, times_ms: list[float]) -> None:
+    assert findings(tmp_path, device_recording(frames(times_ms))) <= {("missing", "/tf_static")}
+
+
+@pytest.mark.parametrize("times_ms", [bursts(60, 4, 20.0), bursts(40, 150, 1000.0), arrivals(3000)])
+def test_a_silence_is_a_gap_in_bursts_and_events_too(tmp_path: Path, times_ms: list[float]) -> None:
+    half = len(times_ms) // 2
+    later = [t + 8000.0 for t in times_ms[half:]]
+    data = device_recording(frames(times_ms[:half] + later))
+    assert ("gap", "/can") in findings(tmp_path, data)
+
+
+def test_a_beat_with_many_silences_has_gaps(tmp_path: Path) -> None:
+    times_ms = [10.0 * i + 200.0 * (i // 100) for i in range(3000)]
+    assert ("gap", "/can") in findings(tmp_path, device_recording(frames(times_ms)))
 
 
 def test_time_that_goes_backwards_is_found(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, count, repeat
 from pathlib import Path
@@ -18,7 +18,7 @@ from acquisition.clocks.clock_sample import ClockSample
 from acquisition.errors import RecorderError, StreamError
 from acquisition.health.diagnostics import Diagnostics
 from acquisition.health.snapshot import HealthSnapshot
-from acquisition.inspection import check
+from acquisition.inspection import check, inspect
 from acquisition.recording.disk_output import DiskOutput
 from acquisition.recording.folder_store import DiskSettings
 from acquisition.recording.plan import RecordingPlan, RecordingResult
@@ -34,6 +34,7 @@ from drivers.errors import DriverError
 from drivers.samples import AccelerationSample, DepthFrame, PoseSample, Sample
 from drivers.source import SourceInfo
 from tests.acquisition.test_stream_writer import files_may_grow_to
+from tests.fakes.device_samples import MAKERS
 from tests.fakes.recordings import MOUNT, START_NS, acceleration, depth_frame, pose
 from tests.fakes.scripted_source import ScriptedSource, Step
 
@@ -109,6 +110,18 @@ def of_type(messages: Sequence[StreamMessage], kind: type) -> list[Any]:
     return [message.sample for message in messages if isinstance(message.sample, kind)]
 
 
+def test_depth_may_be_recorded_under_rvl(tmp_path: Path) -> None:
+    frames = [[depth_frame(i, i * 33 * MS)] for i in range(3)]
+    camera = ScriptedSource("camera", frames, produces=(DepthFrame,))
+    record(tmp_path / "r.mcap", [camera], replace(QUICK, depth_format="rvl"))
+    messages, _ = read(tmp_path / "r.mcap")
+    found = [message for message in messages if isinstance(message.sample, DepthFrame)]
+    assert {message.topic for message in found} == {"/depth/image/compressedDepth"}
+    for message, (frame,) in zip(found, frames, strict=True):
+        assert isinstance(message.sample, DepthFrame)
+        assert np.array_equal(message.sample.depth_mm, frame.depth_mm)
+
+
 def test_all_sources_end_up_in_one_file_in_order_of_log_time(tmp_path: Path) -> None:
     path = tmp_path / "r.mcap"
     frames = [[depth_frame(i, i * 33 * MS)] for i in range(3)]
@@ -174,6 +187,39 @@ def test_a_replugged_source_goes_on_and_the_others_lose_nothing(tmp_path: Path) 
     assert stream["statistics"]["gap_s"] == pytest.approx(0.471)
     assert [f.topic for f in check(path) if f.kind == "gap"] == ["/acceleration"]
     assert result.outcome == "ended"
+
+
+@pytest.mark.parametrize("pulled", [type(make(0)) for make in MAKERS])
+def test_whichever_source_is_pulled_out_the_others_lose_nothing(
+    tmp_path: Path, pulled: type[Sample]
+) -> None:
+    def script(make: Callable[[int, int], Sample], kind: type[Sample]) -> Iterator[Step]:
+        for i in range(20):
+            yield [make(i, i * MS)]
+        if kind is pulled:
+            yield DriverError("pulled out")
+            for i in range(20):  # it counts from 0 again
+                yield [make(i, (120 + i) * MS)]
+        else:
+            for i in range(20, 140):
+                yield [make(i, i * MS)]
+
+    sources = [
+        ScriptedSource(kind.__name__, script(make, kind), produces=(kind,), rates_hz={kind: 1000.0})
+        for make, kind in ((make, type(make(0))) for make in MAKERS)
+    ]
+    result = record(tmp_path / "r.mcap", sources)
+    messages, _ = read(tmp_path / "r.mcap")
+    gaps_s = {t.topic: t.largest_gap_s for t in inspect(tmp_path / "r.mcap").topics}
+    for source, health in zip(sources, result.health.sources, strict=True):
+        (kind,) = source.open().produces
+        (stream,) = health.streams
+        was_pulled = kind is pulled
+        found = [sample.sequence for sample in of_type(messages, kind)]
+        assert found == list(range(40 if was_pulled else 140))
+        assert health.losses == stream.statistics.gaps == int(was_pulled)
+        assert stream.statistics.missed == health.queue.dropped == 0
+        assert gaps_s[stream.topic] == pytest.approx(0.101 if was_pulled else 0.001)
 
 
 @pytest.mark.parametrize("defect", [ValueError("bad byte"), IndexError("9"), OSError(5, "EIO")])
@@ -358,7 +404,7 @@ def test_the_ring_writes_what_came_before_the_trigger(tmp_path: Path) -> None:
     assert result.outcome == "stopped"
     found = [message.sample for message in read_parts(result.files)]
     assert [s.sequence for s in found if isinstance(s, AccelerationSample)] == list(range(30))
-    assert result.files[0].name == "r_snap000_000.mcap"
+    assert result.files[0].name == "r_snap000.mcap"
 
 
 def test_preflight_reports_every_source_and_closes_it() -> None:

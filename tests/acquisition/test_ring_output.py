@@ -94,7 +94,7 @@ def test_a_snapshot_that_does_not_fit_is_told_and_the_ring_goes_on(tmp_path: Pat
 
 
 def test_an_older_snapshot_is_not_overwritten(tmp_path: Path) -> None:
-    old = tmp_path / "r_snap000_000.mcap"
+    old = tmp_path / "r_snap000.mcap"
     old.write_bytes(b"precious")
     ring = started(tmp_path / "r.mcap", RingSettings(2 * S, reserve_bytes=0))
     fill(ring, MANY[:100])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
+from acquisition.clocks.clock_follower import ClockTuning
 from acquisition.clocks.host_clock import HostClock
 from acquisition.recording.intake import Intake
 from acquisition.recording.sample_queue import SMALL_SAMPLE_BYTES, SampleQueue, size_in_memory
@@ -58,7 +59,7 @@ def test_a_depth_frame_takes_its_pixels() -> None:
 
 
 def test_each_stream_of_a_reopened_source_counts_its_gap() -> None:
-    intake = Intake(HostClock(), {AccelerationSample: 1000.0})
+    intake = Intake(HostClock(), {AccelerationSample: 1000.0}, ClockTuning())
     queue = SampleQueue(10**6)
     info = SourceInfo("both", "m", "s", (AccelerationSample, type(pose(0))), "monotonic")
     queue.put(info, [acceleration(0, 0), pose(0, 0)])

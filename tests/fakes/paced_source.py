@@ -11,7 +11,7 @@ from array import array
 from collections.abc import Callable, Sequence
 
 from drivers.samples import Sample
-from drivers.source import SourceInfo
+from drivers.source import SourceInfo, TickCounter
 
 _BIN_NS = 10_000
 _BINS = 20_000  # up to 0.2 s; later than that counts as that
@@ -27,6 +27,7 @@ class PacedSource:
         produces: type[Sample],
         make: Callable[[int, int], Sample],
         *,
+        counter: TickCounter | None = None,
         clock_ns: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], object] = time.sleep,
     ) -> None:
@@ -36,6 +37,7 @@ class PacedSource:
         self.given = 0
         self._rate_hz = rate_hz
         self._make = make
+        self._counter = counter
         self._clock_ns = clock_ns
         self._sleep = sleep
         self._began_ns = 0
@@ -47,7 +49,8 @@ class PacedSource:
         self.given = 0
         self._late = array("Q", bytes(8 * _BINS))
         rates = {self.produces: self._rate_hz}
-        return SourceInfo(self.name, "paced", "", (self.produces,), "monotonic", {}, rates)
+        kinds = (self.produces,)
+        return SourceInfo(self.name, "paced", "", kinds, "monotonic", {}, rates, self._counter)
 
     def read(self, timeout_s: float) -> Sequence[Sample]:
         """Wait for the next sample, or for the timeout."""

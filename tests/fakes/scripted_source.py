@@ -7,7 +7,7 @@ from threading import Event
 
 from drivers.errors import EndOfSource
 from drivers.samples import AccelerationSample, Sample
-from drivers.source import SourceInfo, TimeBase
+from drivers.source import SourceInfo, TickCounter, TimeBase
 
 # What one read does: give samples, raise, or run something and then give nothing.
 Step = Sequence[Sample] | Exception | Callable[[], object]
@@ -26,6 +26,7 @@ class ScriptedSource:
         time_base: TimeBase = "monotonic",
         rates_hz: dict[type[Sample], float] | None = None,
         goes_on: bool = False,
+        counter: TickCounter | None = None,
     ) -> None:
         self.name = name
         self.opened = 0
@@ -36,7 +37,7 @@ class ScriptedSource:
         self._goes_on = goes_on
         self._pause = Event()
         self._info = SourceInfo(
-            name, "script", f"{name}-1", produces, time_base, {}, rates_hz or {}
+            name, "script", f"{name}-1", produces, time_base, {}, rates_hz or {}, counter
         )
 
     def open(self) -> SourceInfo:
