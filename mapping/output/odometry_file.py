@@ -74,8 +74,8 @@ def _odometry(
         body_frame,
         ros.geometry_msgs__msg__PoseWithCovariance(
             ros.geometry_msgs__msg__Pose(
-                fields.ros_point("position", pose.transform.translation_m),
-                fields.ros_quaternion(quat_wxyz),
+                ros.geometry_msgs__msg__Point(*pose.transform.translation_m.tolist()),
+                _quaternion(quat_wxyz),
             ),
             fields.finite("covariance", pose.covariance, (6, 6)).ravel(),
         ),
@@ -95,8 +95,13 @@ def _transform(
                 body_frame,
                 ros.geometry_msgs__msg__Transform(
                     fields.ros_vector("position", pose.transform.translation_m),
-                    fields.ros_quaternion(quat_wxyz),
+                    _quaternion(quat_wxyz),
                 ),
             )
         ]
     )
+
+
+def _quaternion(quat_wxyz: Float64Array) -> ros.geometry_msgs__msg__Quaternion:
+    w, x, y, z = quat_wxyz.tolist()
+    return ros.geometry_msgs__msg__Quaternion(x, y, z, w)
