@@ -48,10 +48,13 @@ _COMMANDS = {
     "cut": _Command("copy a part of a recording", "acquisition.commands.record"),
     "merge": _Command("copy several recordings into one", "acquisition.commands.record"),
     "map": _Command("turn a recording into an elevation map", "mapping.commands"),
+    "odometry": _Command(
+        "find the rover's way from vibration, gyro and wheels", "mapping.odometry_commands"
+    ),
     "export": _Command(
         "convert a map to GeoTIFF, PLY or PNG, draw figures", "mapping.output.commands"
     ),
-    "evaluate": _Command("compare a map with the truth or a flat floor", "mapping.commands"),
+    "evaluate": _Command("compare a map or a trajectory with the truth", "mapping.commands"),
     "calibrate": _Command("make calibration files on a rig", "calibration_rigs.commands"),
     "warmup": _Command("compile the mapping kernels now", "mapping.commands"),
 }

@@ -12,9 +12,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from math import inf, radians
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from acquisition.commands.console import CHECK_FAILED, OK, Console, show
+from mapping.poses.settings import PoseSourceName, TiltSource
 
 if TYPE_CHECKING:
     from acquisition.stream.byte_source import ByteSource
@@ -72,6 +73,9 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     add("--gate-sigma", type=float, metavar="N", help="reject beyond N sigma (3.5)")
     add("--common-correlation-time-s", type=float, metavar="S", help="of pose errors (0.3)")
     add("--pose-gap-max-s", type=float, metavar="S", help="longest pose interpolation (0.2)")
+    add("--pose-source", choices=get_args(PoseSourceName), help="where poses come from (mocap)")
+    add("--tilt-source", choices=get_args(TiltSource), help="of ego-motion (levelled)")
+    add("--trajectory", type=Path, metavar="FILE", help="also write the poses: .mcap, .nc or TUM")
     add("--fill-gaps-up-to-m", type=float, metavar="M", help="fill gaps up to this long (none)")
     add("--figures", type=Path, metavar="DIR", help="also draw the figures")
     add("--json", action="store_true", help="print the result as JSON")
@@ -84,6 +88,7 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
     from mapping.output.commands import draw
     from mapping.output.map_file import write_map
     from mapping.output.map_summary import summarise_run
+    from mapping.output.odometry_file import write_trajectory
     from mapping.paper2019.faults import describe_faults
     from mapping.session import map_stream
 
@@ -101,6 +106,8 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
         result = replace(result, map=fill_gaps(result.map, gap_m))
     if options.output:
         write_map(result.map, options.output)
+    if options.trajectory:
+        write_trajectory(options.trajectory, result.poses, result.body_frame)
     if options.figures:
         draw(result.map, options.figures, console)
     summary = summarise_run(result, str(options.output or options.world))
@@ -121,6 +128,8 @@ def _check_targets(options: argparse.Namespace) -> None:
         check_target(options.output)
     elif not options.world:
         raise MappingError("nothing to write; give -o FILE.nc, --world DIR.zarr, or both")
+    if options.trajectory:
+        check_target(options.trajectory)
     if options.world and options.grid == "growing":
         raise MappingError("a world is mapped through a scrolling window; leave --grid out")
     if options.world and options.method == "paper2019":
@@ -229,8 +238,12 @@ def run_warmup(_: argparse.Namespace, console: Console) -> int:
 
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe evaluate`."""
-    parser.add_argument("map", type=Path)
-    judge = parser.add_mutually_exclusive_group(required=True)
+    from mapping.odometry_commands import add_comparison_arguments
+
+    parser.add_argument(
+        "subject", nargs="+", metavar="MAP | odometry EST TRUTH", help="a map, or two trajectories"
+    )
+    judge = parser.add_mutually_exclusive_group()
     judge.add_argument("--truth", type=Path, metavar="FILE.nc", help="true heights")
     judge.add_argument("--floor-height-m", type=float, metavar="M", help="height of a flat floor")
     parser.add_argument("--box", type=Path, metavar="FILE", help="a box that stands on the floor")
@@ -240,17 +253,25 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.txt",
         help="with --truth: the poses that the map was made with, where they are not the true ones",
     )
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="with --truth: draw into DIR")
+    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw into DIR")
     parser.add_argument("--json", action="store_true")
+    add_comparison_arguments(parser)
 
 
 def run_evaluate(options: argparse.Namespace, console: Console) -> int:
-    """Compare a map with the truth or with a flat floor."""
+    """Compare a map with the truth or with a flat floor, or two trajectories."""
     from mapping.errors import MappingError
     from mapping.judging.floor_evaluation import evaluate_floor, read_box
+    from mapping.odometry_commands import compare_trajectories
     from mapping.output.map_file import read_map
 
-    map_ = read_map(options.map)
+    if options.subject[0] == "odometry":
+        return compare_trajectories(options, console)
+    if len(options.subject) != 1 or (options.truth is None and options.floor_height_m is None):
+        raise MappingError(
+            "give one map with --truth FILE.nc or --floor-height-m M, or odometry EST TRUTH"
+        )
+    map_ = read_map(Path(options.subject[0]))
     scores: Scores | FloorScores
     if options.truth:
         scores = _evaluate_truth(map_, options, console)

@@ -9,6 +9,9 @@ import numpy as np
 
 from drivers.samples import CameraIntrinsics
 from mapping import measurement_kernels
+from mapping.alignment import plane_kernels, point_kernels, residual_kernels
+from mapping.alignment.scan_to_map import ScanAligner
+from mapping.alignment.settings import AlignmentSettings
 from mapping.cells import relief_kernels, update_kernels
 from mapping.cells.elevation_map import read_out
 from mapping.cells.grid import GrowingGrid
@@ -29,6 +32,9 @@ _ENTRY_POINTS = (
     measurement_kernels.ranges_from_millimetres,
     measurement_kernels.accumulate,
     update_kernels.fuse,
+    point_kernels.group_points,
+    plane_kernels.fit_planes,
+    residual_kernels.normal_equations,
     own_body.drop_readings,
     overhang.drop_readings,
     visibility.look_through,
@@ -93,6 +99,7 @@ def compile_kernels() -> None:
     clear_seen_through(np.full((12, 16), 1000, np.uint16), sums, constants, sight, grid.layers)
     hidden.mark_hidden(reducer.readings, view, constants, sight, grid.layers.hidden)
     update_kernels.fuse(sums, constants, fusion_constants(settings), grid.layers, at_rest())
+    ScanAligner(AlignmentSettings(), settings.resolution_m).align(reducer, view, grid)
     map_ = read_out(grid, settings, {})
     derive(map_)
     fuse_map(map_)

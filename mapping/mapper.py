@@ -5,19 +5,14 @@ Only sensor time enters. Live and offline differ in where the samples come from,
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-
-import numpy as np
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from acquisition.messages.codec import Recordable
-from acquisition.messages.frames import (
-    BASE_FRAME,
-    DEPTH_OPTICAL_FRAME,
-    MOCAP_BODY_FRAME,
-    StaticTransforms,
-)
+from acquisition.messages.frames import BASE_FRAME, DEPTH_OPTICAL_FRAME, StaticTransforms
 from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
+from mapping.alignment.localiser import Localiser
 from mapping.cells.elevation_map import ElevationMap, read_out
 from mapping.cells.grid import Grid, make_grid
 from mapping.cells.update_constants import FrameConstants, fusion_constants
@@ -28,100 +23,99 @@ from mapping.change.own_body import drop_own_body
 from mapping.change.visibility import clear_seen_through, sight_of
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
+from mapping.mapper_counts import MapperCounts as MapperCounts
 from mapping.measurement import Float64Array, FrameReducer, View
 from mapping.motion.ledger import MotionLedger
-from mapping.motion.pose_errors import ABSOLUTE, PoseErrorModel
+from mapping.motion.pose_errors import PoseErrorModel
 from mapping.motion.read_out import Rover
 from mapping.motion.relative import RelativeMotion
 from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
-from mapping.pose_track import PoseTrack
+from mapping.poses.choice import is_aligned, pose_errors_for, pose_source_for
+from mapping.poses.frame_covariance import frame_covariance
+from mapping.poses.motion import MotionTracker
 from mapping.settings import MapSettings
 
-# A depth frame waits this long, in stream time, for a pose that surrounds it.
+# A depth frame waits this long, in stream time, for its pose to be known.
 _POSE_WAIT_NS = 2_000_000_000
 
 
-@dataclass(slots=True)
-class MapperCounts:
-    """What became of the input.
-
-    Attributes:
-        frames: depth frames mapped.
-        frames_without_pose: depth frames left out because no pose surrounds their time.
-        poses, poses_out_of_order: poses taken; poses left out because they came out of order.
-        readings: valid depth readings of the mapped frames, without those dropped (below).
-        readings_outside: readings of them that fell outside the grid.
-        updates: cell updates. rejected: those that went to a second hypothesis. replaced: second
-            hypotheses that took over. cleared: cells forgotten because rays passed through them.
-        readings_own_body: readings dropped because they hit the rover itself.
-        readings_overhanging: readings dropped because they hit what hangs high above the ground.
-        motions: relative motions taken. motions_clipped: those whose covariance had a negative
-            eigenvalue.
-    """
-
-    frames: int = 0
-    frames_without_pose: int = 0
-    poses: int = 0
-    poses_out_of_order: int = 0
-    readings: int = 0
-    readings_outside: int = 0
-    updates: int = 0
-    rejected: int = 0
-    replaced: int = 0
-    cleared: int = 0
-    readings_own_body: int = 0
-    readings_overhanging: int = 0
-    motions: int = 0
-    motions_clipped: int = 0
-
-
 class Mapper:
-    """Fuses depth frames, seen from known poses, into a grid."""
+    """Fuses depth frames, seen from known or estimated poses, into a grid."""
 
     def __init__(
         self,
         settings: MapSettings,
         noise: DepthNoiseModel,
         grid: Grid | None = None,
-        pose_errors: PoseErrorModel = ABSOLUTE,
+        pose_errors: PoseErrorModel | None = None,
+        *,
+        on_pose: Callable[[UncertainPose], None] = lambda _: None,
     ) -> None:
         """Start with an empty map, or with a grid that knows cells already.
 
-        `pose_errors` is as suits the source of the poses.
+        Args:
+            settings: of the map and its poses.
+            noise: of the depth sensor.
+            grid: where the cells live; None = as the settings want.
+            pose_errors: where the poses' errors are counted; None = as suits their source.
+            on_pose: told the pose of every frame that is mapped.
 
         Raises:
             MappingError: the ranges of settings and noise model have nothing in common.
         """
         self.settings = settings
         self.noise = _within_both_ranges(settings, noise)
-        self.pose_errors = pose_errors
+        self.pose_errors = pose_errors or pose_errors_for(settings)
         self.counts = MapperCounts()
-        self._ledger = MotionLedger(with_covariance=pose_errors.motion_covariance)
+        self._on_pose = on_pose
+        self._ledger = MotionLedger(with_covariance=self.pose_errors.motion_covariance)
         self._rover_m = (0.0, 0.0)
         self._grid = grid or make_grid(settings)
         self._fusion = fusion_constants(settings)
-        self._poses = PoseTrack(round(settings.pose_gap_max_s * 1e9))
+        self._poses = pose_source_for(settings)
+        absolute = settings.pose_source == "mocap"
+        wanted = self.pose_errors.motion_covariance
+        self._motion = None if absolute else MotionTracker(self._poses, with_covariance=wanted)
         self._mounts = MountTree()
+        self._localiser: Localiser | None = None
+        if is_aligned(settings):
+            self._localiser = Localiser(
+                self._poses,
+                self._mounts,
+                settings.alignment,
+                settings.gravity,
+                settings.resolution_m,
+            )
         self._waiting: list[DepthFrame] = []
         self._reducer: FrameReducer | None = None
 
+    @property
+    def body_frame(self) -> str:
+        """Name of the frame whose poses the map is made with."""
+        return self._poses.body_frame
+
     def add(self, sample: Recordable) -> None:
-        """Take the next sample of the stream; others than depth, pose and mounts are ignored.
+        """Take the next sample of the stream, of whatever type.
 
         Raises:
             MappingError: the mount is missing, a pose or mount is no pose, a depth image does not
-                fit its camera, or the map outgrows memory.
+                fit its camera, the stream lacks a sensor that the pose source lives on, or the map
+                outgrows memory.
         """
         if isinstance(sample, StaticTransforms):
             self._mounts.add(sample.transforms)
-            return
-        if isinstance(sample, PoseSample):
-            self.counts.poses += self._poses.add(sample)
-            self.counts.poses_out_of_order = self._poses.out_of_order
-        elif isinstance(sample, DepthFrame):
+        self._poses.add(sample)
+        if self._localiser is not None:
+            self._localiser.add(sample)
+        if isinstance(sample, DepthFrame):
             self._waiting.append(sample)
-        self._map_ready_frames(sample.t_ns)
+        if self._waiting:
+            self._map_ready_frames(sample.t_ns)
+        if isinstance(sample, PoseSample | DepthFrame):
+            self._count_poses()
+        if self._motion is not None and self._motion.is_overdue(sample.t_ns):
+            self._follow_latest()
 
     def move(self, motion: RelativeMotion) -> None:
         """Take the rover's motion since the last one, with or without depth in between.
@@ -143,9 +137,12 @@ class Mapper:
         Raises:
             MappingError: as `add`, or the grid cannot be saved.
         """
+        self._poses.finish()
         waiting, self._waiting = self._waiting, []
         for frame in waiting:
             self._map_or_count(frame)
+        self._follow_latest()
+        self._count_poses()
         self._grid.save()
 
     def elevation_map(self, attributes: dict[str, str | int | float] | None = None) -> ElevationMap:
@@ -164,19 +161,21 @@ class Mapper:
         Raises:
             MappingError: no reading has reached the map.
         """
-        rover = Rover(*self._rover_m, self._ledger.motions, self.pose_errors)
+        errors = self.pose_errors
+        if self._localiser is not None and self._localiser.slid_rad > 0.0:
+            tilt_rad = math.hypot(errors.gravity_sigma_rad, self._localiser.slid_rad)
+            errors = replace(errors, gravity_sigma_rad=tilt_rad)
+        rover = Rover(*self._rover_m, self._ledger.motions, errors)
         return read_out(self._grid, self.settings, attributes, rover)
 
     def _map_ready_frames(self, now_ns: int) -> None:
-        """Map waiting frames that a pose at or after their time, or patience, has released.
+        """Map waiting frames whose pose is final, or that have waited long enough.
 
         Each frame waits for itself: one with a stamp in the future holds up no other.
         """
-        newest_ns = self._poses.newest_ns
         waiting, self._waiting = self._waiting, []
         for frame in waiting:
-            surrounded = newest_ns is not None and newest_ns >= frame.t_ns
-            if surrounded or now_ns - frame.t_ns > _POSE_WAIT_NS:
+            if self._poses.is_ready(frame.t_ns) or now_ns - frame.t_ns > _POSE_WAIT_NS:
                 self._map_or_count(frame)
             else:
                 self._waiting.append(frame)
@@ -188,17 +187,20 @@ class Mapper:
         else:
             self._map(frame, pose)
 
-    def _map(self, frame: DepthFrame, pose: UncertainPose) -> None:
-        """One depth frame's walk: readings, footprint, sums per cell, update."""
-        if not self.pose_errors.pose_covariance:
-            pose = replace(pose, covariance=np.zeros((6, 6)))
+    def _map(self, frame: DepthFrame, prior: UncertainPose) -> None:
+        """One depth frame's walk: readings, pose, motion, footprint, sums per cell, update."""
         reducer = self._reducer_for(frame.camera)
-        mount = self._mounts.lookup(MOCAP_BODY_FRAME, DEPTH_OPTICAL_FRAME)
-        view = View(pose, pose.transform @ mount)
+        mount = self._mounts.lookup(self.body_frame, DEPTH_OPTICAL_FRAME)
         readings = reducer.load(frame.depth_mm) - self._drop_own_body(reducer)
-        rover_x_m, rover_y_m, _ = pose.transform.translation_m.tolist()
-        self._rover_m = (rover_x_m, rover_y_m)
-        window = self._grid.prepare(reducer.footprint(view), rover_x_m, rover_y_m)
+        pose: UncertainPose | None = prior
+        if self._localiser is not None:
+            pose = self._localiser.refine(reducer, prior, mount, self._grid)
+        if pose is None:
+            return
+        self._follow(pose)
+        counted = replace(pose, covariance=frame_covariance(pose.covariance, self.pose_errors))
+        view = View(counted, pose.transform @ mount)
+        window = self._grid.prepare(reducer.footprint(view), *self._rover_m)
         constants = reducer.frame_constants(view, window, self._grid.position(window))
         readings -= self._drop_overhangs(reducer, view, constants)
         sums, inside = reducer.reduce(view, window)
@@ -216,6 +218,21 @@ class Mapper:
         self.counts.updates += result.cells
         self.counts.rejected += result.rejected
         self.counts.replaced += result.replaced
+        self._on_pose(pose)
+
+    def _follow_latest(self) -> None:
+        """Follow the rover though there is no depth."""
+        latest = self._poses.latest
+        if latest is not None:
+            self._follow(latest)
+
+    def _follow(self, pose: UncertainPose) -> None:
+        """Let the map know how the rover has moved."""
+        motion = self._motion.step(pose) if self._motion else None
+        if motion is not None:
+            self.move(motion)
+        x_m, y_m, _ = pose.transform.translation_m.tolist()
+        self._rover_m = (x_m, y_m)
 
     def _drop_own_body(self, reducer: FrameReducer) -> int:
         """Drop what hits the rover itself; return how many readings."""
@@ -254,20 +271,20 @@ class Mapper:
             self._reducer = FrameReducer(camera, self.noise, self.settings)
         return self._reducer
 
+    def _count_poses(self) -> None:
+        """Copy the counts of those that count for themselves."""
+        poses = self._poses.counts
+        self.counts.poses, self.counts.poses_out_of_order = poses.poses, poses.out_of_order
+        self.counts.pose_events = poses.events
+        if self._localiser is not None:
+            found = self._localiser.counts
+            self.counts.aligned, self.counts.unaligned = found.aligned, found.unaligned
+            self.counts.misfits, self.counts.slid = found.misfits, found.slid
+
     def _why_nothing(self) -> str:
-        counts = self.counts
-        if counts.frames_without_pose == 0:
+        if self.counts.frames_without_pose == 0:
             return "the stream holds no depth frame; nothing can be mapped"
-        if counts.poses == 0:
-            return (
-                f"the stream holds {counts.frames_without_pose} depth frames but no pose; record "
-                "motion capture, or import with a trajectory"
-            )
-        return (
-            f"none of {counts.frames_without_pose} depth frames lies between two of the "
-            f"{counts.poses} poses within {self.settings.pose_gap_max_s} s; check that both use "
-            "the same clock"
-        )
+        return self._poses.why_nothing(self.counts.frames_without_pose)
 
 
 def _within_both_ranges(settings: MapSettings, noise: DepthNoiseModel) -> DepthNoiseModel:

@@ -90,6 +90,11 @@ class FrameReducer:
         return self._camera
 
     @property
+    def noise(self) -> DepthNoiseModel:
+        """The noise model that this reducer was made for."""
+        return self._noise
+
+    @property
     def readings(self) -> Readings:
         """The loaded frame."""
         return Readings(self._z_m, self._baseline_px, self._ray_x, self._ray_y)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from acquisition.clocks.clock_sample import ClockSample
+from acquisition.messages.frames import MOCAP_BODY_FRAME
 from acquisition.stream.provenance import METADATA_NAME
 from acquisition.stream.read_report import ReadReport
 from acquisition.stream.reader import StreamMessage, StreamReader
 from mapping.calibration_file import parse_noise
 from mapping.cells.elevation_map import ElevationMap
 from mapping.errors import MappingError
+from mapping.geometry import UncertainPose
 from mapping.mapper import Mapper, MapperCounts
 from mapping.noise import KINECT_V1, DepthNoiseModel
 from mapping.paper2019.paper_mapper import PaperMapper
@@ -26,8 +28,10 @@ from mapping.world.world_map import about_world, check_same_cells
 
 Method = Literal["corrected", "paper2019"]
 
-# Kinds of JSON values that are no numbers, by setting.
-_RECORDED_KINDS: dict[str, tuple[type, ...]] = {"grid": (str,), "body_boxes_m": (list,)}
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+_Settings = TypeVar("_Settings", bound="DataclassInstance")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +62,21 @@ class MapOptions:
 
 @dataclass(frozen=True, slots=True)
 class MapResult:
-    """A map, what the reader found in the stream, and what became of it."""
+    """A map, what the reader found in the stream, and what became of it.
+
+    Attributes:
+        map, report, counts, settings, noise: as their names say.
+        poses: those that the depth frames were mapped from.
+        body_frame: the frame whose poses they are.
+    """
 
     map: ElevationMap
     report: ReadReport
     counts: MapperCounts
     settings: MapSettings
     noise: DepthNoiseModel
+    poses: tuple[UncertainPose, ...] = ()
+    body_frame: str = MOCAP_BODY_FRAME
 
 
 def map_stream(
@@ -79,18 +91,25 @@ def map_stream(
         StreamError: the stream cannot be read.
     """
     mapper: Mapper | None = None
+    poses: list[UncertainPose] = []
     with ExitStack() as resources:
         for message in reader:
-            mapper = mapper or _mapper_for(options, reader.metadata, resources)
+            mapper = mapper or _mapper_for(options, reader.metadata, resources, poses.append)
             if not isinstance(message.sample, ClockSample):
                 mapper.add(message.sample)
             progress(message)
-        mapper = mapper or _mapper_for(options, reader.metadata, resources)
+        mapper = mapper or _mapper_for(options, reader.metadata, resources, poses.append)
         mapper.finish()
     report = reader.report
     attributes = _attributes(mapper, report)
     return MapResult(
-        mapper.elevation_map(attributes), report, mapper.counts, mapper.settings, mapper.noise
+        map=mapper.elevation_map(attributes),
+        report=report,
+        counts=mapper.counts,
+        settings=mapper.settings,
+        noise=mapper.noise,
+        poses=tuple(poses),
+        body_frame=mapper.body_frame,
     )
 
 
@@ -111,7 +130,10 @@ def recorded_settings(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, An
 
 
 def _mapper_for(
-    options: MapOptions, metadata: Mapping[str, Mapping[str, str]], resources: ExitStack
+    options: MapOptions,
+    metadata: Mapping[str, Mapping[str, str]],
+    resources: ExitStack,
+    on_pose: Callable[[UncertainPose], None],
 ) -> Mapper:
     """Return a mapper with the user's wishes over the recording's over the defaults."""
     recorded = recorded_settings(metadata)
@@ -131,8 +153,9 @@ def _mapper_for(
     )
     noise = noise or KINECT_V1
     if options.method == "paper2019":
-        return PaperMapper(settings, noise)
-    return Mapper(settings, noise, _world_grid(options, settings, noise, resources))
+        return PaperMapper(settings, noise, on_pose=on_pose)
+    grid = _world_grid(options, settings, noise, resources)
+    return Mapper(settings, noise, grid, on_pose=on_pose)
 
 
 def _world_grid(
@@ -162,14 +185,33 @@ def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:
     """
     if section is None:
         return options.settings
-    known = {item.name for item in fields(MapSettings)}
+    return _overlaid(options.settings, section, options.given, "the recording's map section")
+
+
+def _overlaid(settings: _Settings, section: object, given: frozenset[str], where: str) -> _Settings:
+    """Return a dataclass of settings with the values of a JSON object, but for those `given`.
+
+    Raises:
+        MappingError: it is no object, or has an unknown key or a value of another type.
+    """
+    known = {item.name for item in fields(settings)}
     if not isinstance(section, dict) or not section.keys() <= known:
-        raise MappingError(f"the recording's map section is {section!r}; expected known settings")
-    recorded = {name: value for name, value in section.items() if name not in options.given}
+        raise MappingError(f"{where} is {section!r}; expected known settings")
+    recorded = {name: value for name, value in section.items() if name not in given}
     for name, value in recorded.items():
-        if isinstance(value, bool) or type(value) not in _RECORDED_KINDS.get(name, (int, float)):
-            raise MappingError(f"the recording's map section has {name} = {value!r}")
-    return replace(options.settings, **recorded)
+        ours = getattr(settings, name)
+        if is_dataclass(ours) and not isinstance(ours, type):
+            recorded[name] = _overlaid(ours, value, frozenset(), f"{where}, {name},")
+        elif _kind(value) is not _kind(ours):
+            raise MappingError(f"{where} has {name} = {value!r}")
+    return replace(settings, **recorded)
+
+
+def _kind(value: object) -> type:
+    """Return the JSON type of a value: all numbers are one, and tuples are lists."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float
+    return list if isinstance(value, tuple) else type(value)
 
 
 def _first(*candidates: object) -> float:
@@ -186,10 +228,7 @@ def _first(*candidates: object) -> float:
 
 def _attributes(mapper: Mapper, report: ReadReport) -> dict[str, str | int | float]:
     """Return how the map was made, for the map file."""
-    attributes: dict[str, str | int | float] = {
-        f"setting_{name}": json.dumps(value) if isinstance(value, tuple) else value
-        for name, value in asdict(mapper.settings).items()
-    }
+    attributes = dict(_flat("setting", asdict(mapper.settings)))
     attributes |= {f"noise_{name}": value for name, value in asdict(mapper.noise).items()}
     attributes |= {
         f"pose_error_{name}": int(value) if isinstance(value, bool) else value
@@ -201,3 +240,14 @@ def _attributes(mapper: Mapper, report: ReadReport) -> dict[str, str | int | flo
     attributes["input_damaged_parts"] = len(report.damaged)
     attributes["input_late_messages"] = report.late_messages
     return attributes
+
+
+def _flat(name: str, value: object) -> Iterator[tuple[str, str | int | float]]:
+    """Yield the leaves of nested settings under names joined by underscores."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _flat(f"{name}_{key}", inner)
+    elif isinstance(value, tuple):
+        yield name, json.dumps(value)
+    elif isinstance(value, str | int | float):
+        yield name, int(value) if isinstance(value, bool) else value

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
+from mapping.alignment.gravity import GravitySettings
+from mapping.alignment.settings import AlignmentSettings
+from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.errors import MappingError
+from mapping.motion.pose_errors import ALIGNED, PoseErrorModel
+from mapping.poses.settings import PoseSourceName, TiltSource
 
 GridKind = Literal["growing", "scrolling"]
 
@@ -41,6 +46,7 @@ _ORDERED = (
     ("sigma_floor_m", "sigma_ceiling_m"),
     ("resolution_m", "window_m"),
 )
+_CHOICES = {"grid": GridKind, "pose_source": PoseSourceName, "tilt_source": TiltSource}
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +82,13 @@ class MapSettings:
             dropped; 0 = never, see `mapping.change.overhang`.
         body_boxes_m: boxes around the rover's own parts, in the rover frame, each as (x_min,
             y_min, z_min, x_max, y_max, z_max); readings inside are dropped.
+        pose_source: the stream's own poses ("mocap"), or those of "ego-motion"; either of them
+            may be corrected by what the map says ("+alignment").
+        tilt_source: what ego-motion knows roll and pitch from: "levelled" accelerations, or the
+            ground, which is taken to be "level" to within ego_motion.tilt_lost_rad.
+        alignment, gravity: how frames are aligned with the map, and when it has slid.
+        aligned_errors: what aligned poses are worth.
+        ego_motion: what ego-motion assumes of sensors and vehicle.
     """
 
     resolution_m: float = 0.04
@@ -101,6 +114,12 @@ class MapSettings:
     seen_through_frames: int = 5
     overhang_clearance_m: float = 0.0
     body_boxes_m: tuple[tuple[float, ...], ...] = ()
+    pose_source: PoseSourceName = "mocap"
+    tilt_source: TiltSource = "levelled"
+    alignment: AlignmentSettings = field(default_factory=AlignmentSettings)
+    gravity: GravitySettings = field(default_factory=GravitySettings)
+    aligned_errors: PoseErrorModel = ALIGNED
+    ego_motion: EgoMotionSettings = field(default_factory=EgoMotionSettings)
 
     def __post_init__(self) -> None:
         """Refuse values that no map can be made with."""
@@ -116,8 +135,11 @@ class MapSettings:
                     f"{low} is {getattr(self, low)} and {high} is {getattr(self, high)}; "
                     f"expected {low} below {high}"
                 )
-        if self.grid not in get_args(GridKind):
-            raise MappingError(f"grid is {self.grid!r}; expected growing or scrolling")
+        for name, choices in _CHOICES.items():
+            if getattr(self, name) not in get_args(choices):
+                raise MappingError(
+                    f"{name} is {getattr(self, name)!r}; expected {' or '.join(get_args(choices))}"
+                )
         for name in ("confirmations", "seen_through_frames"):
             if getattr(self, name) > 255:
                 raise MappingError(f"{name} is {getattr(self, name)}; expected at most 255")

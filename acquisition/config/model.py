@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -111,8 +112,52 @@ class Mount(_Strict):
         return self
 
 
+class AlignmentSection(_Strict):
+    """[map.alignment]: `mapping.alignment.settings.AlignmentSettings`."""
+
+    form: Literal["6-dof", "z-roll-pitch"] = "6-dof"
+    floor_m: _Positive = 0.001
+    floor_rad: _Positive = math.radians(0.1)
+    full_points: _Count = 700
+    observable_m: _Positive = 0.006
+    lever_m: _Positive = 1.5
+    cells_per_independent: _Positive = 10.0
+    cut_m: _Positive = 0.15
+    farthest_m: _Positive = 0.25
+    worst_scale: _Positive = 2.0
+    most_misfits: _Count = 10
+    robust_sigma: _Positive = 2.0
+    fewest_pixels: _Count = 3
+    fewest_points: _Count = 100
+    iterations: _Count = 12
+
+
+class GravitySection(_Strict):
+    """[map.gravity]: `mapping.alignment.gravity.GravitySettings`."""
+
+    window_s: _Positive = 5.0
+    levelling_sigma_rad: _Positive = math.radians(2.0)
+    levelling_time_s: _Positive = 0.3
+
+
+class AlignedErrorsSection(_Strict):
+    """[map.aligned_errors]: `mapping.motion.pose_errors.PoseErrorModel` of aligned poses."""
+
+    pose_covariance: bool = False
+    motion_covariance: bool = False
+    frame_sigma_m: _NotNegative = 0.001
+    frame_sigma_rad: _NotNegative = math.radians(0.03)
+    drift_per_m: _NotNegative = 1.0
+    gravity_sigma_rad: _NotNegative = math.radians(0.12)
+    place_sigma_m: _NotNegative = 0.003
+    heading_sigma_rad: _NotNegative = math.radians(0.05)
+
+
 class MapSection(_Strict):
-    """[map]: the settings of `mapping.settings.MapSettings`, without the mount's sigmas."""
+    """[map]: the settings of `mapping.settings.MapSettings`, without the mount's sigmas.
+
+    The keys of [map.ego_motion] are those of `mapping.ego_motion.settings`, which checks them.
+    """
 
     resolution_m: _Positive = 0.04
     grid: Literal["growing", "scrolling"] = "growing"
@@ -135,6 +180,12 @@ class MapSection(_Strict):
     seen_through_frames: Annotated[int, Field(ge=0, le=255)] = 5
     overhang_clearance_m: _NotNegative = 0.0
     body_boxes_m: Annotated[tuple[_Box, ...], Field(strict=False)] = ()
+    pose_source: Literal["mocap", "mocap+alignment", "ego-motion", "ego-motion+alignment"] = "mocap"
+    tilt_source: Literal["levelled", "level"] = "levelled"
+    alignment: AlignmentSection = AlignmentSection()
+    gravity: GravitySection = GravitySection()
+    aligned_errors: AlignedErrorsSection = AlignedErrorsSection()
+    ego_motion: dict[str, bool | float] = Field(default_factory=dict)
 
 
 class CalibrationSection(_Strict):

@@ -141,6 +141,16 @@ def _warnings(result: MapResult) -> list[str]:
             f"{counts.frames_without_pose} depth frames have no pose within "
             f"{result.settings.pose_gap_max_s} s around them and were not mapped"
         )
+    if counts.misfits:
+        lines.append(
+            f"{counts.misfits} depth frames fit the map nowhere near their pose; the first of each "
+            "row of them were not mapped"
+        )
+    if counts.slid:
+        lines.append(
+            f"the map has slid against gravity at {counts.slid} depth frames; its variance holds "
+            "the tilt"
+        )
     if counts.poses_out_of_order:
         lines.append(f"{counts.poses_out_of_order} poses came out of order and were not used")
     return lines

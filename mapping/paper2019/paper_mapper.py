@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.messages.frames import BASE_FRAME, DEPTH_OPTICAL_FRAME, MOCAP_BODY_FRAME
+from acquisition.messages.frames import BASE_FRAME, DEPTH_OPTICAL_FRAME
 from drivers.samples import DepthFrame
 from mapping.cells.elevation_map import CellState, ElevationMap
 from mapping.cells.grid import CellWindow
@@ -20,6 +20,7 @@ from mapping.measurement import View
 from mapping.noise import DepthNoiseModel
 from mapping.paper2019.cells import PaperCells
 from mapping.paper2019.faults import describe_faults
+from mapping.poses.choice import is_aligned
 from mapping.settings import MapSettings
 
 Float64Array = NDArray[np.float64]
@@ -41,17 +42,27 @@ class PaperMapper(Mapper):
     or, where the recording does not have it, the tracked body.
     """
 
-    def __init__(self, settings: MapSettings, noise: DepthNoiseModel) -> None:
-        """Start with an empty map.
+    def __init__(
+        self,
+        settings: MapSettings,
+        noise: DepthNoiseModel,
+        on_pose: Callable[[UncertainPose], None] = lambda _: None,
+    ) -> None:
+        """Start with an empty map; `on_pose` is told the pose of every frame that is mapped.
 
         Raises:
-            MappingError: as `Mapper`; or the settings ask for a scrolling grid.
+            MappingError: as `Mapper`; or the settings ask for a scrolling grid or alignment.
         """
+        if is_aligned(settings):
+            raise MappingError(
+                f"pose_source is {settings.pose_source!r}; paper2019 aligns nothing: give mocap or "
+                "ego-motion"
+            )
         if settings.grid != "growing":
             raise MappingError(
                 f"grid is {settings.grid!r}; paper2019 has no window: give --grid growing"
             )
-        super().__init__(settings, noise)
+        super().__init__(settings, noise, on_pose=on_pose)
         self._cells = PaperCells(settings)
 
     def read_map(self, attributes: Mapping[str, str | int | float]) -> ElevationMap:
@@ -101,7 +112,7 @@ class PaperMapper(Mapper):
     def _map(self, frame: DepthFrame, pose: UncertainPose) -> None:
         """One depth frame's walk: the motion since the last one, then the measurement."""
         reducer = self._reducer_for(frame.camera)
-        mount = self._mounts.lookup(MOCAP_BODY_FRAME, DEPTH_OPTICAL_FRAME)
+        mount = self._mounts.lookup(self.body_frame, DEPTH_OPTICAL_FRAME)
         view = View(pose, pose.transform @ mount)
         readings = reducer.load(frame.depth_mm)
         window = reducer.footprint(view)
@@ -119,12 +130,13 @@ class PaperMapper(Mapper):
         self.counts.frames += 1
         self.counts.readings += readings
         self.counts.readings_outside += readings - inside
+        self._on_pose(pose)
 
     def _move(self, pose: UncertainPose) -> None:
         """Eq. 28 with the covariance of this pose as that of the step that led to it."""
         rover = pose.transform
-        if self._mounts.connects(MOCAP_BODY_FRAME, BASE_FRAME):
-            rover = rover @ self._mounts.lookup(MOCAP_BODY_FRAME, BASE_FRAME)
+        if self._mounts.connects(self.body_frame, BASE_FRAME):
+            rover = rover @ self._mounts.lookup(self.body_frame, BASE_FRAME)
         c_tr = rover.rotation
         step_m2 = c_tr.T @ pose.covariance[:3, :3] @ c_tr
         self._cells.move(c_tr, rover.translation_m, step_m2, float(pose.covariance[5, 5]))

@@ -13,7 +13,9 @@ from mapping.settings import MapSettings
 # A stamp whose last digits a floating number would lose.
 EPOCH_NS = 1_700_000_000_123_456_789
 _PLAIN_SETTINGS = {
-    name: value for name, value in asdict(MapSettings()).items() if not isinstance(value, tuple)
+    name: value
+    for name, value in asdict(MapSettings()).items()
+    if not isinstance(value, tuple | dict)
 }
 
 

@@ -16,7 +16,9 @@ from acquisition.stream.reader import StreamMessage
 from acquisition.stream.writer import StreamWriter
 from drivers.samples import DepthFrame, PoseSample, Sample
 from drivers.source import SourceInfo
+from mapping.alignment.settings import AlignmentSettings
 from mapping.calibration_file import noise_to_json
+from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.errors import MappingError
 from mapping.mapper import Mapper
 from mapping.noise import KINECT_V1, NGUYEN_2012, constant_noise
@@ -154,9 +156,11 @@ def test_the_paper_mode_is_a_method_and_says_so() -> None:
 def test_the_map_says_how_it_was_made() -> None:
     result = _map({"mount_sigma_m": 0.004})
     attributes = result.map.attributes
-    for name, value in asdict(result.settings).items():
-        expected = "[]" if name == "body_boxes_m" else value
-        assert attributes[f"setting_{name}"] == expected
+    settings = asdict(result.settings) | {"body_boxes_m": "[]"}
+    for section in ("alignment", "gravity", "aligned_errors", "ego_motion"):
+        settings |= {f"{section}_{name}": value for name, value in settings.pop(section).items()}
+    for name, value in settings.items():
+        assert attributes[f"setting_{name}"] == value
     for name, value in asdict(KINECT_V1).items():
         assert attributes[f"noise_{name}"] == value
     for name, value in asdict(result.counts).items():
@@ -203,3 +207,25 @@ def test_the_recordings_map_section_counts_where_the_user_says_nothing() -> None
 def test_a_map_section_that_is_none_is_refused(section: object) -> None:
     with pytest.raises(MappingError, match=r"map section|gate_sigma"):
         _map({"map": section}, MapOptions(MapSettings()))
+
+
+def test_sections_of_the_recorded_map_count_value_by_value() -> None:
+    section = {"alignment": {"form": "z-roll-pitch"}, "ego_motion": {"tick_s": 0.05}}
+    result = _map({"map": section})
+    assert result.settings.alignment == AlignmentSettings(form="z-roll-pitch")
+    assert result.settings.ego_motion == EgoMotionSettings(tick_s=0.05)
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        {"alignment": {"forms": "6-dof"}},
+        {"alignment": {"form": 6}},
+        {"alignment": 3},
+        {"ego_motion": {"use_external_poses": 1.0}},
+        {"pose_source": "stars"},
+    ],
+)
+def test_unknown_or_wrong_values_of_sections_are_refused(section: dict[str, object]) -> None:
+    with pytest.raises(MappingError):
+        _map({"map": section})

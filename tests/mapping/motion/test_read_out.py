@@ -139,6 +139,8 @@ def test_the_covariance_of_a_pose_is_left_out_where_the_model_stands_for_it() ->
     left_out = _slope_mapper(PoseErrorModel(pose_covariance=False), 1e-4).elevation_map()
     none = _slope_mapper(ABSOLUTE, 0.0).elevation_map()
     np.testing.assert_array_equal(left_out.independent_m2, none.independent_m2)
+    aligned = [_slope_mapper(ALIGNED, m2).elevation_map().independent_m2 for m2 in (1e-4, 1e-2)]
+    np.testing.assert_array_equal(aligned[0], aligned[1])
     assert np.nanmedian(counted.independent_m2) > 10.0 * np.nanmedian(none.independent_m2)
     assert np.nanmin(_slope_mapper(ALIGNED).elevation_map().pose_m2) > 0.0
 

@@ -1,0 +1,1 @@
+"""Where the rover is, from vibration, gyro and wheels: poses with a covariance."""

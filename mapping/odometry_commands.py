@@ -1,0 +1,99 @@
+"""The commands about the rover's way: arguments in, one function called, words out."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from acquisition.commands.console import OK, Console, show
+
+
+def add_odometry_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare `terravibe odometry`."""
+    add = parser.add_argument
+    add("recording", type=Path)
+    add(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="EST",
+        help=".nc with covariances, else a TUM file",
+    )
+    add("--method", choices=("filter", "paper2019"), default="filter", help="(filter)")
+    add("--rate-hz", type=float, default=50.0, metavar="HZ", help="poses per second (50)")
+    add("--without-wheels", action="store_true", help="vibration and gyro alone")
+    add("--with-poses", action="store_true", help="recorded poses count as measurements")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of ego-motion")
+
+
+def run_odometry(options: argparse.Namespace, console: Console) -> int:
+    """Find the trajectory of a recording and write it."""
+    from acquisition.files import check_target
+    from acquisition.stream.byte_source import FinishedFile
+    from acquisition.stream.reader import StreamReader
+    from mapping.ego_motion.paper2019 import WARNING
+    from mapping.ego_motion.settings import EgoMotionSettings
+    from mapping.judging.trajectory import write_path
+    from mapping.odometry_session import find_trajectory, with_changes
+
+    changes = [*options.set, *(["use_external_poses=1"] if options.with_poses else [])]
+    settings = with_changes(EgoMotionSettings(), changes)
+    check_target(options.output)
+    if options.method == "paper2019":
+        console.note(f"warning: {WARNING}")
+    with (
+        FinishedFile(options.recording) as source,
+        console.progress(f"following {options.recording}"),
+    ):
+        result = find_trajectory(
+            StreamReader(source),
+            settings,
+            method=options.method,
+            rate_hz=options.rate_hz,
+            with_wheels=not options.without_wheels,
+        )
+    write_path(options.output, result.poses)
+    first_ns, last = result.poses[0].t_ns, result.poses[-1]
+    x, y, z = last.transform.translation_m
+    sigma = last.covariance.diagonal()[:2].sum() ** 0.5
+    length = f"{len(result.poses)} poses of {(last.t_ns - first_ns) * 1e-9:.1f} s"
+    end = f"({x:.3f}, {y:.3f}, {z:.3f}) m, horizontal sigma {sigma:.3f} m"
+    console.lines([f"{options.output}: {length}; ends at {end}"])
+    for event in result.events:
+        console.note(f"{(event.t_ns - first_ns) * 1e-9:.2f} s: {event.kind}: {event.text}")
+    return OK
+
+
+def add_comparison_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what `terravibe evaluate odometry` has beyond the evaluation of maps."""
+    parser.add_argument(
+        "--align",
+        choices=("none", "start", "yaw", "se3"),
+        default="start",
+        help="odometry: how the trajectories are put together (start)",
+    )
+
+
+def compare_trajectories(options: argparse.Namespace, console: Console) -> int:
+    """Compare two trajectories, the second being the true one.
+
+    Raises:
+        MappingError: not two of them, or they cannot be compared.
+    """
+    from mapping.errors import MappingError
+    from mapping.judging.odometry import evaluate_odometry
+    from mapping.judging.trajectory import read_path
+    from mapping.output.figure_odometry import write_odometry_figures
+
+    if len(options.subject) != 3:
+        raise MappingError(
+            f"odometry with {len(options.subject) - 1} files; expected EST and TRUTH: TUM files, "
+            ".nc files, or a recording with motion capture as TRUTH"
+        )
+    estimate, truth = (read_path(Path(name)) for name in options.subject[1:])
+    scores = evaluate_odometry(estimate, truth, options.align)
+    if options.figures:
+        write_odometry_figures(scores, options.figures)
+    show(console, scores, as_json=options.json)
+    return OK

@@ -1,0 +1,1 @@
+"""Where the poses of the depth frames come from."""
