@@ -289,6 +289,7 @@ def filter_constants(settings: EgoMotionSettings) -> FilterConstants:
         lateral_slip_time_s=settings.lateral_slip_time_s,
         speed_sigma_m_s=settings.speed_sigma_m_s,
         turn_walk=turn_walk,
+        turn_sigma_rad_s=settings.turn_sigma_rad_s,
         turn_time_s=2.0 * settings.turn_sigma_rad_s**2 / turn_walk**2,
         gyro_bias_walk=settings.gyro_bias_walk_rad_s_per_sqrt_s,
         force_walk=settings.gravity_m_s2 * settings.ground_walk_rad_per_sqrt_s,

@@ -71,6 +71,7 @@ class FilterConstants(NamedTuple):
     speed_sigma_m_s: float
     turn_walk: float
     turn_time_s: float
+    turn_sigma_rad_s: float
     gyro_bias_walk: float
     wheel_scale_walk: float
     force_walk: float
@@ -135,10 +136,7 @@ def run(
         t_ns = rows.t_ns[i]
         value = rows.values[i]
         if rows.kind[i] == GYRO:
-            outcome[i], nis[i] = _scalar(
-                x, p, phi, TURN, 1.0, GYRO_BIAS, 1.0, -1, 0.0,
-                value[0] - x[TURN] - x[GYRO_BIAS], value[1], np.inf,
-            )  # fmt: skip
+            outcome[i], nis[i] = _gyro(x, p, phi, held, value, c)
         elif rows.kind[i] == WHEELS:
             outcome[i], nis[i] = _wheels(x, p, phi, value, c)
         elif rows.kind[i] == VIBRATION:
@@ -321,6 +319,32 @@ def _scalar(
             p[m, n] -= gain * ph[n]
             phi[m, n] -= gain * hphi[n]
     return TAKEN, nis
+
+
+@njit(inline="always")
+def _gyro(
+    x: Float64Array,
+    p: Float64Array,
+    phi: Float64Array,
+    held: Float64Array,
+    value: Float64Array,
+    c: FilterConstants,
+) -> tuple[int, float]:
+    """Update by a yaw rate; one that no rover at rest shows ends the rest, until the next tick.
+
+    Otherwise a turn that begins unnoticed would be learned as bias.
+    """
+    for attempt in range(2):
+        gate = c.gate_nis if held[6] > 0.0 and attempt == 0 else np.inf
+        outcome, nis = _scalar(
+            x, p, phi, TURN, 1.0, GYRO_BIAS, 1.0, -1, 0.0,
+            value[0] - x[TURN] - x[GYRO_BIAS], value[1], gate,
+        )  # fmt: skip
+        if outcome == TAKEN:
+            break
+        held[6] = 0.0
+        p[TURN, TURN] += c.turn_sigma_rad_s * c.turn_sigma_rad_s
+    return outcome, nis
 
 
 @njit(inline="always")
