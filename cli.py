@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _UNUSABLE = 2
 _INTERRUPTED = 130
 _LOG_EVERY = 10  # states, one a second
-_ROOMS = ("drivers", "acquisition", "mapping", "simulation")
+_ROOMS = ("drivers", "acquisition", "mapping", "calibration_rigs", "simulation")
 
 
 class _Command(NamedTuple):

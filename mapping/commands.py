@@ -59,6 +59,7 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     add("--grid", choices=("growing", "scrolling"), help="keep everything, or a window")
     add("--window-m", type=float, metavar="M", help="edge of the scrolling window (6)")
     add("--noise", metavar="MODEL", help="preset, constant:SIGMA_M, or a calibration file")
+    add("--calibrations", type=Path, metavar="DIR", help="take the file of the recording's device")
     add("--range-min-m", type=float, metavar="M", help="nearest depth that is mapped (0.4)")
     add("--range-max-m", type=float, metavar="M", help="farthest depth that is mapped (4)")
     add("--mount-sigma-m", type=float, metavar="M", help="overrides the recording's value")
@@ -104,7 +105,7 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
 
 def _map_options(options: argparse.Namespace) -> MapOptions:
     """Return what the user asked for."""
-    from mapping.calibration_file import noise_from_name
+    from mapping.calibration_file import calibration_from_name
     from mapping.session import MapOptions
     from mapping.settings import MapSettings
 
@@ -116,7 +117,8 @@ def _map_options(options: argparse.Namespace) -> MapOptions:
     return MapOptions(
         settings=MapSettings(**given),
         given=frozenset(given),
-        noise=noise_from_name(options.noise) if options.noise else None,
+        noise=calibration_from_name(options.noise) if options.noise else None,
+        calibrations=options.calibrations,
         mount_sigma_m=options.mount_sigma_m,
         mount_sigma_rad=None if degrees is None else radians(degrees),
     )

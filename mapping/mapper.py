@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from acquisition.messages.codec import Recordable
 from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, MOCAP_BODY_FRAME, StaticTransforms
 from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
@@ -36,6 +38,8 @@ class MapperCounts:
         poses, poses_out_of_order: poses taken; poses left out because they came out of order.
         readings: valid depth readings of the mapped frames.
         readings_outside: readings of them that fell outside the grid.
+        readings_uncalibrated: readings of them at distances that the calibration does not cover;
+            mapped with the fallback's noise.
         updates: cell updates. rejected: those that went to a second hypothesis. replaced: second
             hypotheses that took over.
     """
@@ -46,6 +50,7 @@ class MapperCounts:
     poses_out_of_order: int = 0
     readings: int = 0
     readings_outside: int = 0
+    readings_uncalibrated: int = 0
     updates: int = 0
     rejected: int = 0
     replaced: int = 0
@@ -54,8 +59,19 @@ class MapperCounts:
 class Mapper:
     """Fuses depth frames, seen from known poses, into a grid."""
 
-    def __init__(self, settings: MapSettings, noise: DepthNoiseModel) -> None:
+    def __init__(
+        self,
+        settings: MapSettings,
+        noise: DepthNoiseModel,
+        fallback: DepthNoiseModel | None = None,
+    ) -> None:
         """Start with an empty map.
+
+        Args:
+            settings: how to map.
+            noise: the depth camera's noise; holds within its own range.
+            fallback: noise of readings that the settings want and `noise` does not cover;
+                None = such readings are not mapped.
 
         Raises:
             MappingError: the ranges of settings and noise model have nothing in common.
@@ -68,7 +84,8 @@ class Mapper:
         self._poses = PoseTrack(round(settings.pose_gap_max_s * 1e9))
         self._mounts = MountTree()
         self._waiting: list[DepthFrame] = []
-        self._reducer: FrameReducer | None = None
+        self._fallbacks = _around(self.noise, settings, fallback)
+        self._reducers: list[FrameReducer] = []
 
     def add(self, sample: Recordable) -> None:
         """Take the next sample of the stream; others than depth, pose and mounts are ignored.
@@ -126,26 +143,34 @@ class Mapper:
 
     def _map(self, frame: DepthFrame, pose: UncertainPose) -> None:
         """One depth frame's walk: readings, footprint, sums per cell, update."""
-        reducer = self._reducer_for(frame.camera)
         mount = self._mounts.lookup(MOCAP_BODY_FRAME, DEPTH_OPTICAL_FRAME)
         view = View(pose, pose.transform @ mount)
+        calibrated, *others = self._reducers_for(frame.camera)
+        self._reduce(calibrated, frame, view)
+        for reducer in others:
+            self.counts.readings_uncalibrated += self._reduce(reducer, frame, view)
+        self.counts.frames += 1
+
+    def _reduce(self, reducer: FrameReducer, frame: DepthFrame, view: View) -> int:
+        """Fuse the readings that a reducer takes; return how many."""
         readings = reducer.load(frame.depth_mm)
-        rover_x_m, rover_y_m, _ = pose.transform.translation_m
+        rover_x_m, rover_y_m, _ = view.body.transform.translation_m
         window = self._grid.prepare(reducer.footprint(view), rover_x_m, rover_y_m)
         sums, inside = reducer.reduce(view, window)
         constants = reducer.frame_constants(view, window, self._grid.position(window))
         result = fuse(sums, constants, self._fusion, self._grid.layers)
-        self.counts.frames += 1
         self.counts.readings += readings
         self.counts.readings_outside += readings - inside
         self.counts.updates += result.cells
         self.counts.rejected += result.rejected
         self.counts.replaced += result.replaced
+        return readings
 
-    def _reducer_for(self, camera: CameraIntrinsics) -> FrameReducer:
-        if self._reducer is None or self._reducer.camera != camera:
-            self._reducer = FrameReducer(camera, self.noise, self.settings)
-        return self._reducer
+    def _reducers_for(self, camera: CameraIntrinsics) -> list[FrameReducer]:
+        if not self._reducers or self._reducers[0].camera != camera:
+            noises = [self.noise, *self._fallbacks]
+            self._reducers = [FrameReducer(camera, noise, self.settings) for noise in noises]
+        return self._reducers
 
     def _why_nothing(self) -> str:
         counts = self.counts
@@ -173,3 +198,17 @@ def _within_both_ranges(settings: MapSettings, noise: DepthNoiseModel) -> DepthN
             "that overlap"
         )
     return noise.with_range(range_min_m, range_max_m)
+
+
+def _around(
+    noise: DepthNoiseModel, settings: MapSettings, fallback: DepthNoiseModel | None
+) -> list[DepthNoiseModel]:
+    """Return the fallback for the distances below and above those that `noise` covers."""
+    if fallback is None:
+        return []
+    wanted = _within_both_ranges(settings, fallback)
+    # Readings are float32; the one at a bound belongs to `noise`.
+    below = float(np.nextafter(np.float32(noise.range_min_m), np.float32(0.0)))
+    above = float(np.nextafter(np.float32(noise.range_max_m), np.float32(np.inf)))
+    parts = [(wanted.range_min_m, below), (above, wanted.range_max_m)]
+    return [fallback.with_range(low, high) for low, high in parts if low < high]

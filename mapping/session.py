@@ -5,13 +5,19 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.stream.provenance import METADATA_NAME
 from acquisition.stream.read_report import ReadReport
 from acquisition.stream.reader import StreamMessage, StreamReader
-from mapping.calibration_file import parse_noise
+from mapping.calibration_file import (
+    Calibration,
+    DeviceIdentity,
+    calibration_for,
+    parse_calibration,
+)
 from mapping.cells.elevation_map import ElevationMap
 from mapping.errors import MappingError
 from mapping.mapper import Mapper, MapperCounts
@@ -28,13 +34,16 @@ class MapOptions:
             and the recording says nothing.
         given: names of the settings that the user gave; the others yield to the recording's own
             map section (rover.toml).
-        noise: depth noise model.
+        noise: depth noise model, or a calibration, which is refused for another device.
+        calibrations: folder of calibration files; that of the recording's depth camera is used
+            when no noise is given.
         mount_sigma_m, mount_sigma_rad: uncertainty of the depth sensor's mount.
     """
 
     settings: MapSettings
     given: frozenset[str] = frozenset()
-    noise: DepthNoiseModel | None = None
+    noise: DepthNoiseModel | Calibration | None = None
+    calibrations: Path | None = None
     mount_sigma_m: float | None = None
     mount_sigma_rad: float | None = None
 
@@ -95,9 +104,7 @@ def recorded_settings(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, An
 def _mapper_for(options: MapOptions, metadata: Mapping[str, Mapping[str, str]]) -> Mapper:
     """Return a mapper with the user's wishes over the recording's over the defaults."""
     recorded = recorded_settings(metadata)
-    noise = options.noise
-    if noise is None and "depth_noise" in recorded:
-        noise = parse_noise(json.dumps(recorded["depth_noise"]), "the recording's depth_noise")
+    noise = _noise_for(options, recorded, depth_device(metadata))
     settings = replace(
         _with_recorded_map(options, recorded.get("map")),
         mount_sigma_m=_first(
@@ -109,7 +116,40 @@ def _mapper_for(options: MapOptions, metadata: Mapping[str, Mapping[str, str]]) 
             options.settings.mount_sigma_rad,
         ),
     )
+    if isinstance(noise, Calibration):
+        # Measured in a box of distances: outside it the default model stands in.
+        return Mapper(settings, noise.model, KINECT_V1 if noise.measured else None)
     return Mapper(settings, noise or KINECT_V1)
+
+
+def depth_device(metadata: Mapping[str, Mapping[str, str]]) -> DeviceIdentity:
+    """Return which device a recording's depth frames come from, as far as it says so."""
+    for name, text in metadata.get(METADATA_NAME, {}).items():
+        if name.startswith("source."):
+            identity = json.loads(text)
+            if "DepthFrame" in identity.get("produces", ()):
+                model, serial = (str(identity.get(key, "")) for key in ("model", "serial"))
+                return DeviceIdentity(model=model, serial=serial)
+    return DeviceIdentity()
+
+
+def _noise_for(
+    options: MapOptions, recorded: Mapping[str, Any], device: DeviceIdentity
+) -> DepthNoiseModel | Calibration | None:
+    """Return the user's noise, else that of the device, else the recording's own, else None.
+
+    Raises:
+        MappingError: it was measured on another device, or cannot be read.
+    """
+    noise = options.noise
+    if noise is None and options.calibrations is not None:
+        noise = calibration_for(options.calibrations, device)
+    if noise is None and "depth_noise" in recorded:
+        text = json.dumps(recorded["depth_noise"])
+        noise = parse_calibration(text, "the recording's depth_noise")
+    if isinstance(noise, Calibration):
+        noise.check_device(device)
+    return noise
 
 
 def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:

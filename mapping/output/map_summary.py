@@ -141,6 +141,13 @@ def _warnings(result: MapResult) -> list[str]:
             f"{counts.frames_without_pose} depth frames have no pose within "
             f"{result.settings.pose_gap_max_s} s around them and were not mapped"
         )
+    if counts.readings_uncalibrated:
+        noise = result.noise
+        lines.append(
+            f"{counts.readings_uncalibrated} of {counts.readings} readings lie outside "
+            f"{noise.range_min_m:.2f} to {noise.range_max_m:.2f} m, for which {noise.name} was "
+            "measured; the default noise model was used for them"
+        )
     if counts.poses_out_of_order:
         lines.append(f"{counts.poses_out_of_order} poses came out of order and were not used")
     return lines
