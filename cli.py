@@ -48,6 +48,7 @@ _COMMANDS = {
     "map": _Command("turn a recording into an elevation map", "mapping.commands"),
     "export": _Command("convert a map to GeoTIFF, PLY or PNG, draw figures", "mapping.commands"),
     "evaluate": _Command("compare a map with the truth or a flat floor", "mapping.commands"),
+    "calibrate": _Command("make calibration files on a rig", "calibration_rigs.commands"),
     "warmup": _Command("compile the mapping kernels now", "mapping.commands"),
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -35,16 +36,34 @@ _ENTRY_POINTS = (
 
 def kernels_are_cached() -> bool:
     """Tell whether the mapping kernels were compiled earlier by this installation."""
-    return all(_has_index(kernel) for kernel in _ENTRY_POINTS)
+    return all(any(map(_is_newer, _indices(kernel))) for kernel in _ENTRY_POINTS)
 
 
-def _has_index(kernel: object) -> bool:
-    """Look for numba's index file of a kernel, newer than the kernel's source."""
+def _indices(kernel: object) -> list[tuple[Path, Path]]:
+    """Return numba's index files of a kernel, each with the kernel's source."""
     function = kernel.py_func  # type: ignore[attr-defined] # numba has no type information
     folder = Path(kernel.stats.cache_path)  # type: ignore[attr-defined]
     source = Path(function.__code__.co_filename)
     pattern = f"{source.stem}.{function.__name__}-*.nbi"
-    return any(index.stat().st_mtime >= source.stat().st_mtime for index in folder.glob(pattern))
+    return [(index, source) for index in folder.glob(pattern)]
+
+
+def _is_newer(pair: tuple[Path, Path]) -> bool:
+    index, source = pair
+    return index.stat().st_mtime >= source.stat().st_mtime
+
+
+def _note_use() -> None:
+    """Give the index files the time of now, where that is permitted.
+
+    numba goes by the content of the source: an index that is older than its source, as after a
+    checkout, may have served all the same.
+    """
+    for kernel in _ENTRY_POINTS:
+        for pair in _indices(kernel):
+            if not _is_newer(pair):
+                with contextlib.suppress(PermissionError):
+                    pair[0].touch()
 
 
 def compile_kernels() -> None:
@@ -63,3 +82,4 @@ def compile_kernels() -> None:
     map_ = read_out(grid, settings, {})
     derive(map_)
     fill_gaps(map_, settings.resolution_m)
+    _note_use()

@@ -27,6 +27,9 @@ from mapping.judging.evaluation import CONFIRMED
 # Cells nearer to the box's walls than this hold both floor and wall: pose and lateral noise.
 _CLEARANCE_M = 0.15
 _TOP_MARGIN_M = 0.06
+# The floor that a walk around the box sees from all sides; farther cells are seen at a distance
+# and from one side, where a crooked mount does not cancel.
+_AROUND_BOX_M = 0.5
 # Confirmed cells farther from the floor's height are things that stand on it, not floor.
 _FLOOR_WINDOW_M = 0.10
 
@@ -110,7 +113,8 @@ class FloorScores:
     """How a map renders a flat floor and the top of a box.
 
     Attributes:
-        floor: by kind of cell: "confirmed", "measured", and classes of sigma.
+        floor: by kind of cell: "confirmed", "measured", "around the box" (within 0.5 m of it), and
+            classes of sigma.
         not_floor_cells: confirmed cells clear of the box, but more than 0.10 m off the floor.
         box_cells: confirmed cells on the box's top, 0.06 m or more from its edges.
         box_top_m, box_top_true_m: their median height and the true one; NaN without box or cells.
@@ -169,11 +173,10 @@ def evaluate_floor(
             f"{floor_height_m} m; check the floor's height and the frame of the map"
         )
     sigma = map_.sigma_m.astype(np.float64)
-    groups = {
-        "confirmed": floor,
-        "measured": floor & (map_.state == CellState.MEASURED),
-        **{f"sigma {name}": floor & cells for name, cells in sigma_classes(sigma).items()},
-    }
+    groups = {"confirmed": floor, "measured": floor & (map_.state == CellState.MEASURED)}
+    if box is not None:
+        groups["around the box"] = floor & box.footprint(map_, _AROUND_BOX_M)
+    groups |= {f"sigma {name}": floor & cells for name, cells in sigma_classes(sigma).items()}
     top = map_.elevation_m[confirmed & box.footprint(map_, -_TOP_MARGIN_M)] if box else np.empty(0)
     return FloorScores(
         floor={name: _floor_accuracy(error[c], sigma[c]) for name, c in groups.items()},

@@ -63,6 +63,18 @@ def test_states_and_sigma_classes_have_rows_of_their_own() -> None:
     assert lines[-1].startswith("box top: median 0.5100 m in 264 cells, true 0.5000 m")
 
 
+def test_the_floor_around_the_box_is_judged_apart() -> None:
+    centres = (np.arange(150) + 0.5) * 0.04 - 2.0
+    x, y = np.meshgrid(centres, centres)
+    inside = (np.abs(x - 1.0) < 0.8) & (np.abs(y - 1.0) < 1.0)
+    map_ = make_map(np.where(inside, 0.002, 0.02), 0.01, first_x=-50, first_y=-50)
+    floor = evaluate_floor(map_, 0.0, BOX).floor
+    assert floor["around the box"].median_m == pytest.approx(0.002)
+    # 40 by 50 cells within 0.5 m of it, less the 22 by 32 that are not clear of it.
+    assert floor["around the box"].cells == 40 * 50 - 22 * 32
+    assert floor["confirmed"].median_m == pytest.approx(0.02)
+
+
 def test_a_map_without_floor_is_refused() -> None:
     with pytest.raises(MappingError, match=r"no confirmed cell lies within 0\.1 m of the floor"):
         evaluate_floor(_room(), 5.0)

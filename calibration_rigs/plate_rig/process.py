@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration_rigs.errors import RigError
-from calibration_rigs.plate.bias import BiasFit, fit_bias, tape_outliers
-from calibration_rigs.plate.cell import CellOutcome, CellResult, analyse
-from calibration_rigs.plate.faults import Fault
-from calibration_rigs.plate.frames import read_frames
-from calibration_rigs.plate.manifest import CellEntry, Manifest
-from calibration_rigs.plate.sigma_models import (
+from calibration_rigs.plate_rig.bias import BiasFit, fit_bias, tape_outliers
+from calibration_rigs.plate_rig.cell import CellOutcome, CellResult, analyse
+from calibration_rigs.plate_rig.faults import Fault
+from calibration_rigs.plate_rig.frames import read_frames
+from calibration_rigs.plate_rig.manifest import CellEntry, Manifest
+from calibration_rigs.plate_rig.sigma_models import (
     Bands,
     SigmaFit,
     bootstrap,

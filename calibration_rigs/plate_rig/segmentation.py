@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from calibration_rigs.errors import RigError
-from calibration_rigs.plate.manifest import CellEntry, Rig
-from calibration_rigs.plate.plane import DisparityPlane, fit_plane, pixels_of
+from calibration_rigs.plate_rig.manifest import CellEntry, Rig
+from calibration_rigs.plate_rig.plane import DisparityPlane, fit_plane, pixels_of
 
 Float64Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -8,10 +8,10 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration_rigs.plate.manifest import Rig
-from calibration_rigs.plate.outline import Outline
-from calibration_rigs.plate.plane import DisparityPlane, pixels_of
-from calibration_rigs.plate.quantised import (
+from calibration_rigs.plate_rig.manifest import Rig
+from calibration_rigs.plate_rig.outline import Outline
+from calibration_rigs.plate_rig.plane import DisparityPlane, pixels_of
+from calibration_rigs.plate_rig.quantised import (
     Goodness,
     QuantisedSpread,
     count_readings,
@@ -19,7 +19,7 @@ from calibration_rigs.plate.quantised import (
     fit_spread,
     goodness_of_fit,
 )
-from calibration_rigs.plate.segmentation import Segment
+from calibration_rigs.plate_rig.segmentation import Segment
 from drivers.samples import CameraIntrinsics
 
 Float64Array = NDArray[np.float64]

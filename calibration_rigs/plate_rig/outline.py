@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration_rigs.plate.manifest import Rig
-from calibration_rigs.plate.plane import DisparityPlane
+from calibration_rigs.plate_rig.manifest import Rig
+from calibration_rigs.plate_rig.plane import DisparityPlane
 from drivers.samples import CameraIntrinsics
 
 Float64Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from PIL import Image
 from acquisition.stream.byte_source import FinishedFile
 from acquisition.stream.reader import StreamReader
 from calibration_rigs.errors import RigError
-from calibration_rigs.plate.manifest import Rig
+from calibration_rigs.plate_rig.manifest import Rig
 from drivers.samples import CameraIntrinsics, DepthFrame
 from mapping.calibration_file import DeviceIdentity
 from mapping.session import depth_device

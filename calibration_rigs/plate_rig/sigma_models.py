@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
-from calibration_rigs.plate.cell import CellResult
+from calibration_rigs.plate_rig.cell import CellResult
 from mapping.noise import DepthNoiseModel
 
 Float64Array = NDArray[np.float64]

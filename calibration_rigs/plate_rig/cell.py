@@ -8,22 +8,22 @@ from math import degrees
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration_rigs.plate.correlation import correlation_area_px
-from calibration_rigs.plate.faults import Fault, shape_faults, view_faults
-from calibration_rigs.plate.frames import CellFrames
-from calibration_rigs.plate.manifest import CellEntry, Rig
-from calibration_rigs.plate.metrics import (
+from calibration_rigs.plate_rig.correlation import correlation_area_px
+from calibration_rigs.plate_rig.faults import Fault, shape_faults, view_faults
+from calibration_rigs.plate_rig.frames import CellFrames
+from calibration_rigs.plate_rig.manifest import CellEntry, Rig
+from calibration_rigs.plate_rig.metrics import (
     PaperNumbers,
     TemporalSpread,
     lateral_sigma_px,
     paper_numbers,
     temporal_spread,
 )
-from calibration_rigs.plate.outline import Outline, outline
-from calibration_rigs.plate.plane import DisparityPlane, pixels_of
-from calibration_rigs.plate.quantised import Goodness, QuantisedSpread, sheppard
-from calibration_rigs.plate.segmentation import Segment, find_plate, mean_depth_m
-from calibration_rigs.plate.spread import Deviations, measure_spread
+from calibration_rigs.plate_rig.outline import Outline, outline
+from calibration_rigs.plate_rig.plane import DisparityPlane, pixels_of
+from calibration_rigs.plate_rig.quantised import Goodness, QuantisedSpread, sheppard
+from calibration_rigs.plate_rig.segmentation import Segment, find_plate, mean_depth_m
+from calibration_rigs.plate_rig.spread import Deviations, measure_spread
 from drivers.samples import CameraIntrinsics
 from mapping.calibration_file import DeviceIdentity
 from mapping.measurement import SENSOR_WIDTH_PX

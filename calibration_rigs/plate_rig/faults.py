@@ -8,11 +8,11 @@ from math import degrees, hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration_rigs.plate.frames import CellFrames
-from calibration_rigs.plate.manifest import CORNERS, CellEntry, Rig
-from calibration_rigs.plate.outline import Outline
-from calibration_rigs.plate.plane import DisparityPlane
-from calibration_rigs.plate.segmentation import Segment
+from calibration_rigs.plate_rig.frames import CellFrames
+from calibration_rigs.plate_rig.manifest import CORNERS, CellEntry, Rig
+from calibration_rigs.plate_rig.outline import Outline
+from calibration_rigs.plate_rig.plane import DisparityPlane
+from calibration_rigs.plate_rig.segmentation import Segment
 from drivers.samples import CameraIntrinsics
 
 FRAMES_WANTED = 100

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration_rigs.plate.outline import Edge, Outline
-from calibration_rigs.plate.plane import DisparityPlane
+from calibration_rigs.plate_rig.outline import Edge, Outline
+from calibration_rigs.plate_rig.plane import DisparityPlane
 
 Float64Array = NDArray[np.float64]
 DepthStack = NDArray[np.uint16]

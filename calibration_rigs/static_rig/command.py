@@ -1,0 +1,94 @@
+"""`terravibe calibrate static`: arguments in, calibrations made and joined, words out.
+
+Nothing heavy is imported before the command runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from acquisition.commands.arguments import numbers
+from acquisition.commands.console import OK, Console, show
+
+if TYPE_CHECKING:
+    from calibration_rigs.static_rig.session import StaticCalibration
+
+_STANDARD_GRAVITY_M_S2 = 9.80665
+
+
+def add_static_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare `terravibe calibrate static`."""
+    add = parser.add_argument
+    add("--rest", type=Path, metavar="REC.mcap", help="nothing moves, two to three hours")
+    add("--attitudes", type=Path, metavar="REC.mcap", help="rests on all six sides or more")
+    add(
+        "--gravity-m-s2",
+        type=float,
+        default=_STANDARD_GRAVITY_M_S2,
+        metavar="G",
+        help="where the attitudes were recorded (9.80665)",
+    )
+    add("--turns", type=Path, metavar="REC.mcap", help="turns by known angles, rests between")
+    add(
+        "--turns-deg",
+        type=numbers(None, "angles in degrees"),
+        metavar="A,B,...",
+        help="the angles of --turns, counter-clockwise positive",
+    )
+    add("--shaker", type=Path, metavar="TABLE.csv", help="sensor beside reference, by frequency")
+    add("--model", default="", metavar="NAME", help="of the device")
+    add("--serial", default="", metavar="NUMBER", help="of the device")
+    add("-o", "--output", type=Path, required=True, metavar="FILE.json")
+    add("--figure", type=Path, metavar="FILE.png", help="draw the Allan deviations")
+    add("--json", action="store_true", help="print the calibration as JSON")
+
+
+def run_static(options: argparse.Namespace, console: Console) -> int:
+    """Make the calibrations that recordings were given for, join them, write one file."""
+    from acquisition.files import check_target
+    from calibration_rigs.static_rig.session import join
+    from mapping.calibration_file import DeviceIdentity
+    from mapping.files import write_whole
+
+    check_target(options.output)
+    result = join(_parts(options, console))
+    device = DeviceIdentity(model=options.model, serial=options.serial)
+    result.file = result.file.model_copy(update={"device": device})
+    if options.figure is not None:
+        from calibration_rigs.static_rig.figure import draw_curves
+
+        draw_curves(result.curves, options.figure)
+    write_whole(options.output, result.file.to_json().encode())
+    show(console, result, as_json=options.json)
+    return OK
+
+
+def _parts(options: argparse.Namespace, console: Console) -> list[StaticCalibration]:
+    from calibration_rigs.errors import RigError
+    from calibration_rigs.static_rig import session
+    from calibration_rigs.static_rig.signals import read_signals
+
+    if (options.turns is None) != (options.turns_deg is None):
+        raise RigError("--turns and --turns-deg go together; give both or none")
+    parts = []
+    if options.rest is not None:
+        with console.progress(f"reading {options.rest}") as reached:
+            signals = read_signals(options.rest, reached)
+        parts.append(session.calibrate_rest(signals))
+    if options.attitudes is not None:
+        with console.progress(f"reading {options.attitudes}") as reached:
+            signals = read_signals(options.attitudes, reached)
+        parts.append(session.calibrate_attitudes(signals, options.gravity_m_s2))
+    if options.turns is not None:
+        with console.progress(f"reading {options.turns}") as reached:
+            signals = read_signals(options.turns, reached)
+        true_rad = [math.radians(angle) for angle in options.turns_deg]
+        parts.append(session.calibrate_turns(signals, true_rad))
+    if options.shaker is not None:
+        parts.append(session.calibrate_shaker(options.shaker))
+    if not parts:
+        raise RigError("nothing to calibrate; give --rest, --attitudes, --turns or --shaker")
+    return parts
