@@ -245,9 +245,7 @@ def mapping(options: argparse.Namespace) -> object:
     return rows
 
 
-def _floor_errors(
-    device: KinectModel, noise: DepthNoiseModel
-) -> tuple[Float64Array, Float64Array]:
+def _floor_errors(device: KinectModel, noise: DepthNoiseModel) -> tuple[Float64Array, Float64Array]:
     """Return error and sigma of the confirmed cells of short runs over a flat floor."""
     from simulation.devices.kinect import CleanView, kinect_depth_mm
 

@@ -38,13 +38,15 @@ class BiasFit:
 
     def at_m(self, z_m: Float64Array) -> Float64Array:
         """Return reading minus truth."""
-        return _powers(z_m) @ self.coefficients
+        bias: Float64Array = _powers(z_m) @ self.coefficients
+        return bias
 
     def sigma_m(self, z_m: Float64Array) -> Float64Array:
         """Return the standard deviation of the bias that is left after correction."""
         powers = _powers(z_m)
         variance = np.einsum("ni,ij,nj->n", powers, self.covariance, powers)
-        return np.sqrt(variance + self.zero_sigma_m**2)
+        sigma: Float64Array = np.sqrt(variance + self.zero_sigma_m**2)
+        return sigma
 
     def as_line(self, z_m: Float64Array) -> tuple[float, float]:
         """Return s0, s2 with s0 + s2 z^2 not below `sigma_m` at the distances."""

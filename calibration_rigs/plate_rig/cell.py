@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calibration_rigs.plate_rig.correlation import correlation_area_px
 from calibration_rigs.plate_rig.faults import Fault, shape_faults, view_faults
 from calibration_rigs.plate_rig.frames import CellFrames
+from calibration_rigs.plate_rig.goodness import Goodness
 from calibration_rigs.plate_rig.manifest import CellEntry, Rig
 from calibration_rigs.plate_rig.metrics import (
     PaperNumbers,
@@ -21,7 +22,7 @@ from calibration_rigs.plate_rig.metrics import (
 )
 from calibration_rigs.plate_rig.outline import Outline, outline
 from calibration_rigs.plate_rig.plane import DisparityPlane, pixels_of
-from calibration_rigs.plate_rig.quantised import Goodness, QuantisedSpread, sheppard
+from calibration_rigs.plate_rig.quantised import QuantisedSpread, sheppard
 from calibration_rigs.plate_rig.segmentation import Segment, find_plate, mean_depth_m
 from calibration_rigs.plate_rig.spread import Deviations, measure_spread
 from drivers.samples import CameraIntrinsics

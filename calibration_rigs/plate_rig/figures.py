@@ -144,7 +144,7 @@ def ratio_figure(result: PlateResult) -> Figure:
         [degrees(c.incidence_rad) for c in used],
         c=[c.spread.sigma for c in used],
         cmap="viridis",
-        s=260,
+        s=300,
         marker="s",
     )
     for cell in used:
@@ -152,7 +152,7 @@ def ratio_figure(result: PlateResult) -> Figure:
         text = f"{mark}{cell.spread.sigma:.2f}"
         place = (cell.z_m, degrees(cell.incidence_rad))
         axes.annotate(
-            text, place, ha="center", va="center", fontsize=6, color="white" if not mark else "red"
+            text, place, ha="center", va="center", fontsize=7, color="white" if not mark else "red"
         )
     figure.colorbar(shown, ax=axes, label="sigma / q")
     axes.set(xlabel="distance [m]", ylabel="incidence [°]")

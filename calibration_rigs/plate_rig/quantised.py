@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import ndtr
-from scipy.stats import chi2, t
+from scipy.stats import t
 
 Float64Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -102,20 +102,20 @@ def count_readings(
     width = max(1.0 / 16.0, spread / 10.0)
     half = max(2.0, 6.0 * spread)
     bins = 2 * int(np.ceil(half / width))
-    edges = (np.arange(bins + 1) - bins // 2) * width
+    edges: Float64Array = np.arange(bins + 1, dtype=np.float64) * width - 0.5 * bins * width
     place = np.mod(predicted, 1.0)
     phase = np.minimum((place * PHASES).astype(np.int64), PHASES - 1)
     pixels = np.bincount(phase, minlength=PHASES)
     centres = (np.arange(PHASES) + 0.5) / PHASES
-    sums: Float64Array = np.bincount(phase, place, PHASES)
-    mean = np.divide(sums, pixels, out=centres.copy(), where=pixels > 0)
+    mean = np.bincount(phase, place, PHASES) / np.maximum(pixels, 1)
     row = (patches * PHASES + phase) * bins
     column = np.floor((offset - edges[0]) / width)
     inside = (column >= 0) & (column < bins)  # false for NaN
     index = (row + np.where(inside, column, 0.0).astype(np.int64))[inside]
     size = int(patches.max()) + 1
     counts = np.bincount(index, minlength=size * PHASES * bins)
-    return ReadingTable(counts.reshape(size, PHASES, bins), mean, edges, rounding_steps)
+    phases: Float64Array = np.where(pixels > 0, mean, centres)
+    return ReadingTable(counts.reshape(size, PHASES, bins), phases, edges, rounding_steps)
 
 
 def fit_spread(table: ReadingTable) -> QuantisedSpread:
@@ -248,68 +248,3 @@ def _covariances(
 def sheppard(spread: float, step: float) -> float:
     """Return the spread without that of steps with uniform phase: sqrt(s^2 - q^2 / 12), or 0."""
     return float(np.sqrt(max(spread**2 - step**2 / 12.0, 0.0)))
-
-
-@dataclass(frozen=True, slots=True)
-class Goodness:
-    """Chi-square over the steps: `p` below 0.05 says that the readings are not quantised-normal."""
-
-    statistic: float
-    degrees: int
-    p: float
-    readings: int
-
-
-def goodness_of_fit(
-    spread: QuantisedSpread, predicted: Float64Array, readings: Float64Array
-) -> Goodness | None:
-    """Return how well a normal law that was rounded explains a few readings.
-
-    The parameters come from all readings, so none is lost to the fit. Steps are pooled until at
-    least 5 readings are expected in each; None when fewer than three are left.
-
-    Args:
-        spread: fitted to all readings.
-        predicted: (n,) disparity of the plane at readings far enough apart, steps.
-        readings: (n,) what was read there, steps; NaN = none.
-    """
-    there = np.isfinite(readings)
-    true = predicted[there] + spread.offset
-    nearest = np.rint(true)
-    code = np.rint(readings[there]) - nearest
-    reach = int(np.ceil(5.0 * np.hypot(spread.before, spread.behind))) + 2
-    steps = np.arange(-reach, reach + 1.0)
-    shares = _code_shares(true - nearest, steps, spread).sum(axis=0)
-    found = np.array([np.count_nonzero(code == step) for step in steps], np.float64)
-    expected, observed = _pooled(shares, found)
-    if expected.size < 3:
-        return None
-    statistic = float(np.sum((observed - expected) ** 2 / expected))
-    degrees = expected.size - 1
-    return Goodness(statistic, degrees, float(chi2.sf(statistic, degrees)), int(code.size))
-
-
-def _code_shares(phase: Float64Array, steps: Float64Array, spread: QuantisedSpread) -> Float64Array:
-    """Return (n, steps): the probability to read nearest to each step, for each phase."""
-    edges = np.append(steps, steps[-1] + 1.0) - 0.5
-    before = np.diff(ndtr((edges - phase[:, np.newaxis]) / spread.before))
-    behind = np.diff(ndtr((edges[np.newaxis] - steps[:, np.newaxis]) / spread.behind), axis=1)
-    shares: Float64Array = before @ behind
-    return shares
-
-
-def _pooled(expected: Float64Array, observed: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Pool neighbours from both ends until 5 are expected in each bin."""
-    bins: list[list[float]] = []
-    for e, o in zip(expected, observed, strict=True):
-        if bins and bins[-1][0] < 5.0:
-            bins[-1][0] += e
-            bins[-1][1] += o
-        else:
-            bins.append([e, o])
-    if len(bins) > 1 and bins[-1][0] < 5.0:
-        last = bins.pop()
-        bins[-1][0] += last[0]
-        bins[-1][1] += last[1]
-    pairs = np.array(bins)
-    return pairs[:, 0], pairs[:, 1]

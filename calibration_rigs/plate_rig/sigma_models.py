@@ -95,7 +95,8 @@ class SigmaFit:
 
     def sigma_m(self, at: Conditions) -> Float64Array:
         """Return sigma without the steps."""
-        return _LAWS[self.name].law(self.parameters, at)
+        sigma: Float64Array = _LAWS[self.name].law(self.parameters, at)
+        return sigma
 
     def as_model(self, quantum_per_m: float) -> DepthNoiseModel:
         """Return the law as the mapper's model, steps included; names and ranges are left."""
@@ -123,7 +124,9 @@ class _LawRow:
 
 
 def _disparity(p: Float64Array, at: Conditions) -> Float64Array:
-    return np.hypot(p[0] + p[1] * at.ratio**2 / np.sqrt(at.z_m), p[2] * at.z_m**2)
+    axial = p[0] + p[1] * at.ratio**2 / np.sqrt(at.z_m)
+    value: Float64Array = np.hypot(axial, p[2] * at.z_m**2)
+    return value
 
 
 def _nguyen(p: Float64Array, at: Conditions) -> Float64Array:
@@ -132,7 +135,8 @@ def _nguyen(p: Float64Array, at: Conditions) -> Float64Array:
 
 
 def _fankhauser(p: Float64Array, at: Conditions) -> Float64Array:
-    return _nguyen(p, at) + p[4] * at.sun * at.z_m**2
+    value: Float64Array = _nguyen(p, at) + p[4] * at.sun * at.z_m**2
+    return value
 
 
 def _khoshelham(p: Float64Array, at: Conditions) -> Float64Array:

@@ -8,16 +8,15 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration_rigs.plate_rig.goodness import Goodness, goodness_of_fit
 from calibration_rigs.plate_rig.manifest import Rig
 from calibration_rigs.plate_rig.outline import Outline
 from calibration_rigs.plate_rig.plane import DisparityPlane, pixels_of
 from calibration_rigs.plate_rig.quantised import (
-    Goodness,
     QuantisedSpread,
     count_readings,
     expected_shares,
     fit_spread,
-    goodness_of_fit,
 )
 from calibration_rigs.plate_rig.segmentation import Segment
 from drivers.samples import CameraIntrinsics

@@ -15,6 +15,8 @@ _GOOD_SHARE = 0.1
 # A correct law fails the chi-square of 5 % of the cells; by chance hardly more than this.
 _POOR_FIT_SHARE = 0.15
 _LEVEL = 0.05
+# More cells with the same fault are counted rather than named.
+_NAMED = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +121,14 @@ def _sunlight(used: list[CellResult]) -> list[str]:
 
 
 def cell_warnings(result: PlateResult) -> list[str]:
-    """Return what is wrong with single cells, one line each."""
-    lines = [f"{failure.cell.name}: {failure.reason}" for failure in result.failures]
-    lines += [f"{cell.cell.name}: {fault.text}" for cell in result.cells for fault in cell.faults]
-    return lines
+    """Return what is wrong with single cells, one line each; what many share is said once."""
+    cells_of: dict[str, list[str]] = {}
+    for failure in result.failures:
+        cells_of.setdefault(failure.reason, []).append(failure.cell.name)
+    for cell in result.cells:
+        for fault in cell.faults:
+            cells_of.setdefault(fault.text, []).append(cell.cell.name)
+    return [
+        f"{', '.join(names) if len(names) <= _NAMED else f'{len(names)} cells'}: {text}"
+        for text, names in cells_of.items()
+    ]
