@@ -21,12 +21,18 @@ _WORKERS_AT_MOST = 2
 def add_plate_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe calibrate plate`."""
     add = parser.add_argument
-    add("rig", type=Path, nargs="?", metavar="RIG", help="plate.toml, plate.csv, or their folder")
+    add("cells", type=Path, nargs="?", metavar="CELLS", help="plate.toml, plate.csv or its folder")
     add("--session", type=Path, metavar="DIR", help="record the cells, guided; goes on in DIR")
     add("--config", type=Path, default=Path("rover.toml"), metavar="FILE", help="with --session")
     add("--seed", type=int, default=1, metavar="N", help="of the session's random order (1)")
     add("--environment", choices=("indoor", "outdoor"), default="indoor", help="with --session")
-    add("-o", "--output", type=Path, metavar="DIR", help="for file, report and tables (RIG's)")
+    add(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="for file, report and tables (that of CELLS)",
+    )
     add("--undistortion", action="store_true", help="also write the per-pixel map (.npz)")
     add("--workers", type=int, metavar="N", help="processes at work (2)")
     add("--json", action="store_true", help="print the verdict as JSON")
@@ -37,11 +43,11 @@ def run_plate(options: argparse.Namespace, console: Console) -> int:
     from calibration_rigs.errors import RigError
     from calibration_rigs.plate_rig.manifest import read_manifest
 
-    if (options.rig is None) == (options.session is None):
+    if (options.cells is None) == (options.session is None):
         raise RigError("give the recordings' plate.toml, or --session DIR to record them")
     if options.session is not None:
         return _session(options, console)
-    return _process(options, read_manifest(options.rig), console)
+    return _process(options, read_manifest(options.cells), console)
 
 
 def _process(options: argparse.Namespace, manifest: Manifest, console: Console) -> int:

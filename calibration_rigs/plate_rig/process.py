@@ -19,6 +19,7 @@ from calibration_rigs.plate_rig.faults import Fault
 from calibration_rigs.plate_rig.frames import read_frames
 from calibration_rigs.plate_rig.manifest import CellEntry, Manifest
 from calibration_rigs.plate_rig.sigma_models import (
+    BOOTSTRAPS,
     Bands,
     SigmaFit,
     bootstrap,
@@ -90,9 +91,18 @@ class PlateResult:
 
 
 def process(
-    manifest: Manifest, progress: Callable[[str], None] = lambda _: None, workers: int = 1
+    manifest: Manifest,
+    progress: Callable[[str], None] = lambda _: None,
+    workers: int = 1,
+    bootstraps: int = BOOTSTRAPS,
 ) -> PlateResult:
     """Return what a rig's recordings come to; one cell a worker is in memory at a time.
+
+    Args:
+        manifest: the cells.
+        progress: told what has been reached.
+        workers: processes; 1 = this one.
+        bootstraps: fits that the bands are made of.
 
     Raises:
         RigError: fewer than three cells can be used, or they are of several devices.
@@ -127,7 +137,7 @@ def process(
             "in every cell the steps hide the noise; record a nearer station or steeper angles"
         )
     z_m = np.linspace(sigmas.at.z_m.min(), sigmas.at.z_m.max(), 60)
-    best, bands = bootstrap(laws[0], sigmas, z_m, np.radians(_BAND_ANGLES_DEG))
+    best, bands = bootstrap(laws[0], sigmas, z_m, np.radians(_BAND_ANGLES_DEG), bootstraps)
     return PlateResult(
         manifest=manifest,
         cells=tuple(results),
@@ -145,7 +155,7 @@ def process(
 def _outcomes(manifest: Manifest, workers: int) -> Iterator[CellOutcome | CellFailure]:
     """Give each cell's outcome, in order."""
     jobs = [(manifest, cell) for cell in manifest.cells]
-    if workers < 2:
+    if min(workers, len(jobs)) < 2:
         yield from map(_one, jobs)
         return
     # A fresh interpreter each: a fork would copy the threads' locks.

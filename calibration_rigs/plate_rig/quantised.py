@@ -123,18 +123,19 @@ def fit_spread(table: ReadingTable) -> QuantisedSpread:
     total = table.counts.sum(axis=0)
     smallest = max(_SMALLEST_STEPS, table.rounding_steps)
     start, bounds = _start(table, total, smallest)
-    found = [
-        minimize(
-            _loss,
-            (start[0], start[1], behind),
-            args=(total, table.phases, table.edges),
-            method="L-BFGS-B",
-            bounds=bounds,
-            options={"ftol": 1e-11, "gtol": 1e-7},
-        )
+    args = (total, table.phases, table.edges)
+    starts = [
+        np.array([start[0], start[1], behind])
         for behind in (np.log(max(smallest, 0.5 * np.exp(start[1]))), np.log(1.05 * smallest))
     ]
-    best = found[int(np.argmin([float(result.fun) for result in found]))]
+    best = minimize(
+        _loss,
+        min(starts, key=lambda parameters: _loss(parameters, *args)),
+        args=args,
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={"ftol": 1e-11, "gtol": 1e-7},
+    )
     return _described(table, total, np.asarray(best.x, np.float64), smallest)
 
 

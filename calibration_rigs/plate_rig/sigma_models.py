@@ -33,7 +33,9 @@ Law = Callable[[Float64Array, "Conditions"], Float64Array]
 
 # No law holds better than this: it keeps a cell with a tiny interval from ruling the fit.
 _LAW_SHARE = 0.01
-_BOOTSTRAPS = 200
+BOOTSTRAPS = 200
+# Where cells hardly tell a parameter, it wanders; the law is as good long before it stops.
+_EVALUATIONS = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +238,9 @@ def _parameters(name: str, cells: CellSigmas) -> Float64Array:
         return np.where(cells.is_below, np.maximum(off, 0.0), off) / cells.error
 
     bounds = ([0.0] * len(row.start), list(row.highest))
-    found = least_squares(residuals, row.start, bounds=bounds, x_scale=np.array(row.start))
+    found = least_squares(
+        residuals, row.start, bounds=bounds, x_scale=np.array(row.start), max_nfev=_EVALUATIONS
+    )
     return np.asarray(found.x, np.float64)
 
 
@@ -258,7 +262,11 @@ class Bands:
 
 
 def bootstrap(
-    fit: SigmaFit, cells: CellSigmas, z_m: Float64Array, angles_rad: Float64Array
+    fit: SigmaFit,
+    cells: CellSigmas,
+    z_m: Float64Array,
+    angles_rad: Float64Array,
+    draws: int = BOOTSTRAPS,
 ) -> tuple[SigmaFit, Bands]:
     """Return the fit with its covariance, and its prediction bands.
 
@@ -270,27 +278,27 @@ def bootstrap(
     grid = _grid(z_m, angles_rad)
     stations = np.unique(cells.station)
     members = [np.flatnonzero(cells.station == station) for station in stations]
-    draws = []
-    for _ in range(_BOOTSTRAPS):
+    found = []
+    for _ in range(draws):
         chosen = np.concatenate(
             [members[k] for k in random.integers(0, len(members), len(members))]
         )
         some = cells.some(chosen)
         noise = np.exp(some.error * random.standard_normal(chosen.size))
         moved = np.where(some.is_below, some.sigma_m, some.sigma_m * noise)
-        draws.append(
+        found.append(
             _parameters(
                 fit.name, CellSigmas(some.at, moved, some.error, some.is_below, some.station)
             )
         )
-    parameters = np.array(draws)
+    parameters = np.array(found)
     shape = (angles_rad.size, z_m.size)
     spread = np.array([_LAWS[fit.name].law(p, grid) for p in parameters])
     spread *= np.exp(fit.misfit * random.standard_normal((len(spread), 1)))
     low, high = np.quantile(spread, norm.cdf([-1.96, 1.96]), axis=0)
     covariance = np.atleast_2d(np.cov(parameters.T))
-    found = SigmaFit(fit.name, fit.parameters, covariance, fit.misfit, fit.held_out)
-    return found, Bands(
+    sure = SigmaFit(fit.name, fit.parameters, covariance, fit.misfit, fit.held_out)
+    return sure, Bands(
         z_m, angles_rad, fit.sigma_m(grid).reshape(shape), low.reshape(shape), high.reshape(shape)
     )
 

@@ -10,6 +10,7 @@ from calibration_rigs.plate_rig.correlation import correlation_area_px
 from calibration_rigs.plate_rig.goodness import goodness_of_fit
 from calibration_rigs.plate_rig.quantised import (
     PHASES,
+    QuantisedSpread,
     count_readings,
     expected_shares,
     fit_spread,
@@ -30,7 +31,7 @@ def _readings(
     return 100.0 + place, np.rint(100.0 + place + before * noise[0]) + behind * noise[1]
 
 
-def _fit(before: float, behind: float, phases: str, seed: int = 0):
+def _fit(before: float, behind: float, phases: str, seed: int = 0) -> QuantisedSpread:
     predicted, readings = _readings(before, behind, phases, seed)
     return fit_spread(count_readings(predicted, readings, np.arange(_PIXELS) // 60, 0.0))
 
@@ -102,7 +103,7 @@ def test_correlation_area() -> None:
     random = np.random.default_rng(0)
     white = random.standard_normal((4, 60, 60))
     assert correlation_area_px(white) == pytest.approx(1.0, abs=0.1)
-    blocks = np.kron(random.standard_normal((4, 20, 20)), np.ones((1, 3, 3)))
+    blocks = random.standard_normal((4, 20, 20)).repeat(3, axis=1).repeat(3, axis=2)
     # The mean over the places in a 3 x 3 block of sum rho is 9.
     assert correlation_area_px(blocks) == pytest.approx(9.0, rel=0.25)
     assert correlation_area_px(np.full((1, 5, 5), np.nan)) == 1.0
