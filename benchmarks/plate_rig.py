@@ -3,7 +3,7 @@
     python benchmarks/plate_rig.py rig --folder DIR [--frames N] [--json FILE]
     python benchmarks/plate_rig.py coverage [--repeats N] [--json FILE]
     python benchmarks/plate_rig.py column [--json FILE]
-    python benchmarks/plate_rig.py mapping --calibration FILE [--json FILE]
+    python benchmarks/plate_rig.py mapping --folder DIR [--json FILE]
 
 rig: records the cells into DIR (unless they are there), calibrates, and compares every cell's
 sigma, the law and the bias with the model's own. coverage: how often the 95 % interval holds the
@@ -24,6 +24,7 @@ import argparse
 import json
 import resource
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,13 +38,16 @@ from calibration_rigs.plate_rig.manifest import CellEntry, Manifest, Rig
 from calibration_rigs.plate_rig.process import process
 from calibration_rigs.plate_rig.products import noise_model
 from calibration_rigs.plate_rig.report import write_products
-from drivers.samples import DepthFrame, PoseSample, frozen_array
-from mapping.calibration_file import DeviceIdentity, calibration_from_name
+from drivers.samples import DepthFrame
+from mapping.calibration_file import DeviceIdentity
 from mapping.cells.elevation_map import CellState
 from mapping.mapper import Mapper
 from mapping.noise import KINECT_V1, NGUYEN_2012, DepthNoiseModel
 from mapping.settings import MapSettings
-from simulation.devices.kinect import KinectModel, kinect_640
+from simulation.devices.kinect import (
+    KinectModel,
+    kinect_640,
+)
 from tests.fakes.plate_rig import (
     ANGLES_DEG,
     STATIONS_M,
@@ -54,7 +58,7 @@ from tests.fakes.plate_rig import (
     true_bias_m,
     true_sigma_m,
 )
-from tests.mapping.scenes import looking, mount, plane_z
+from tests.mapping.scenes import looking, mount, plane_z, pose_sample
 
 Float64Array = NDArray[np.float64]
 
@@ -74,7 +78,6 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=100)
     parser.add_argument("--repeats", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--calibration", type=Path)
     parser.add_argument("--json", type=Path, metavar="FILE")
     options = parser.parse_args()
     rows = {"rig": rig, "coverage": coverage, "column": column, "mapping": mapping}[options.what](
@@ -87,7 +90,7 @@ def main() -> None:
 def rig(options: argparse.Namespace) -> object:
     """Calibrate the whole rig and compare with the truth."""
     model = DEVICES[options.device]
-    manifest = _recorded(options.folder, model, options.frames)
+    manifest = _recorded(options.folder, model, options.frames, STATIONS_M, ANGLES_DEG)
     before_s = time.monotonic()
     result = process(manifest, workers=options.workers)
     took_s = time.monotonic() - before_s
@@ -135,13 +138,20 @@ def rig(options: argparse.Namespace) -> object:
     return row
 
 
-def _recorded(folder: Path, model: KinectModel, frames: int) -> Manifest:
+def _recorded(
+    folder: Path,
+    model: KinectModel,
+    frames: int,
+    stations_m: Sequence[float],
+    angles_deg: Sequence[float],
+    blur_px: float = 0.0,
+) -> Manifest:
     """Record what is not there yet."""
     folder.mkdir(exist_ok=True)
     random = np.random.default_rng(4)
     cells = []
-    for z_m in STATIONS_M:
-        for angle in ANGLES_DEG:
+    for z_m in stations_m:
+        for angle in angles_deg:
             plate = Plate(z_m, angle)
             path = folder / f"z{10 * z_m:.0f}_a{angle:.0f}.mcap"
             cells.append(
@@ -155,7 +165,7 @@ def _recorded(folder: Path, model: KinectModel, frames: int) -> Manifest:
                 )
             )
             if not path.exists():
-                camera = PlateCamera(frames_of(plate, frames, 7, model), kinect_640())
+                camera = PlateCamera(_seen(plate, frames, model, blur_px), kinect_640())
                 record_all(camera, path, static_transforms=[], settings={})
     return Manifest(folder, Rig(), tuple(cells))
 
@@ -209,86 +219,93 @@ def column(options: argparse.Namespace) -> object:
 
 def _shared_noise_cell(blur_px: float) -> CellResult:
     """Return a cell at 3 m whose disparity noise is the Kinect's, shared by neighbours."""
-    camera, model, random = kinect_640(), KinectModel(), np.random.default_rng(5)
-    view = Plate(3.0, 15.0).view(camera)
-    z = np.where(view.z_m > 0.0, view.z_m, 1.0)
-    frames = []
-    for _ in range(20):
-        noise = random.standard_normal(z.shape)
-        noise = gaussian_filter(noise, blur_px) if blur_px else noise
-        noise *= model.sigma_disparity_px / noise.std()
-        steps = np.rint((model.disparity_px_m / z + noise) / model.disparity_step_px)
-        reading = model.disparity_px_m / (steps * model.disparity_step_px)
-        frames.append(np.where(view.z_m > 0.0, np.rint(1e3 * reading), 0.0).astype(np.uint16))
+    frames = _seen(Plate(3.0, 15.0), 20, KinectModel(floor_sigma_m=0.0), blur_px)
     cell = CellEntry(recording="x", distance_m=3.0, angle_deg=15.0)
-    return analyse(CellFrames(np.stack(frames), camera, DeviceIdentity(), ""), cell, Rig()).result
+    return analyse(CellFrames(frames, kinect_640(), DeviceIdentity(), ""), cell, Rig()).result
+
+
+def _seen(plate: Plate, count: int, model: KinectModel, blur_px: float) -> NDArray[np.uint16]:
+    """Return frames of a plate; blurred noise if asked for, else the simulated Kinect's own."""
+    if not blur_px:
+        return frames_of(plate, count, 7, model)
+    random = np.random.default_rng([7, round(1000 * plate.z_m), round(plate.angle_deg)])
+    view = plate.view(kinect_640())
+    return np.stack([_shared_noise(view.z_m, model, blur_px, random) for _ in range(count)])
+
+
+def _shared_noise(
+    z_m: Float64Array, model: KinectModel, blur_px: float, random: np.random.Generator
+) -> NDArray[np.uint16]:
+    """Return a Kinect's readings whose disparity noise is alike over 4 pi blur^2 pixels."""
+    there = z_m > 0.0
+    z = np.where(there, z_m, 1.0)
+    noise = gaussian_filter(random.standard_normal(z.shape), blur_px)
+    noise *= model.sigma_disparity_px / noise.std()
+    disparity = model.disparity_px_m / z + model.disparity_bias_px + noise
+    steps = np.maximum(np.rint(disparity / model.disparity_step_px), 1.0)
+    reading = model.disparity_px_m / (steps * model.disparity_step_px)
+    reading += model.floor_sigma_m * random.standard_normal(z.shape)
+    inside = there & (reading >= model.range_min_m) & (reading <= model.range_max_m)
+    return np.where(inside, np.rint(1e3 * reading), 0.0).astype(np.uint16)
 
 
 def mapping(options: argparse.Namespace) -> object:
-    """Map a floor with a device that is twice as noisy as Nguyen's, with two models."""
-    noisy = replace(DEVICES["kinect"], sigma_disparity_px=0.13, floor_sigma_m=0.002)
-    own = calibration_from_name(str(options.calibration)).model
+    """Map a floor with a device that is twice as noisy as Nguyen's, with several models."""
+    device = replace(DEVICES["kinect"], sigma_disparity_px=0.13, floor_sigma_m=0.002)
+    stations_m = (1.0, 1.4, 1.8, 2.2, 2.6, 3.0)
     rows = []
-    print(f"{'model':>14} {'1 sigma':>8} {'3 sigma':>8} {'ANEES':>7} {'rmse':>8}")
-    for name, noise in (("default", KINECT_V1), ("nguyen2012", NGUYEN_2012), ("calibrated", own)):
-        errors, sigmas = _floor_errors(noisy, noise)
-        score = errors / sigmas
-        row = [
-            name,
-            float(np.mean(np.abs(score) < 1.0)),
-            float(np.mean(np.abs(score) < 3.0)),
-            float(np.mean(score**2)),
-            1e3 * float(np.sqrt(np.mean(errors**2))),
-        ]
-        rows.append(row)
-        print(f"{name:>14} {row[1]:8.1%} {row[2]:8.2%} {row[3]:7.2f} {row[4]:5.2f} mm")
+    print(
+        f"{'device':>12} {'model':>12} {'1 sigma':>8} {'3 sigma':>8} {'ANEES':>7} {'rmse':>9} "
+        f"{'bias':>9}"
+    )
+    for kind, blur_px in (("shared 2 px", 0.4), ("shared 42 px", 1.83)):
+        folder = options.folder / kind.replace(" ", "_")
+        folder.mkdir(parents=True, exist_ok=True)
+        manifest = _recorded(folder, device, 12, stations_m, (0.0, 30.0, 60.0), blur_px)
+        own = noise_model(process(manifest))
+        for name, noise in (("nguyen2012", NGUYEN_2012), ("kinect-v1", KINECT_V1), ("own", own)):
+            errors, sigmas = _floor_errors(device, noise, blur_px)
+            score = errors / sigmas
+            row = [
+                kind,
+                name,
+                float(np.mean(np.abs(score) < 1.0)),
+                float(np.mean(np.abs(score) < 3.0)),
+                float(np.mean(score**2)),
+                1e3 * float(np.sqrt(np.mean(errors**2))),
+                1e3 * float(np.mean(errors)),
+            ]
+            rows.append(row)
+            print(
+                f"{kind:>12} {name:>12} {row[2]:8.1%} {row[3]:8.2%} {row[4]:7.2f} {row[5]:6.2f} mm "
+                f"{row[6]:6.2f} mm",
+                flush=True,
+            )
     return rows
 
 
-def _floor_errors(device: KinectModel, noise: DepthNoiseModel) -> tuple[Float64Array, Float64Array]:
+def _floor_errors(
+    device: KinectModel, noise: DepthNoiseModel, blur_px: float
+) -> tuple[Float64Array, Float64Array]:
     """Return error and sigma of the confirmed cells of short runs over a flat floor."""
-    from simulation.devices.kinect import CleanView, kinect_depth_mm
-
-    camera = replace(kinect_640(), width_px=320, height_px=240)
-    camera = replace(camera, fx_px=290.0, fy_px=290.0, cx_px=159.5, cy_px=119.5)
+    camera = kinect_640()
     errors, sigmas = [], []
     for seed in range(4):
         random = np.random.default_rng(seed)
-        mapper = Mapper(MapSettings(resolution_m=0.04), noise)
+        settings = MapSettings(resolution_m=0.04, range_min_m=1.0, range_max_m=2.98)
+        mapper = Mapper(settings, noise)
         mapper.add(mount())
         for k in range(6):
             rotation = looking(10.0 * k, 30.0)
-            position = np.array([0.05 * k, 0.0, 0.8])
             z_m = plane_z(camera, rotation, (0.0, 0.0, 1.0), -0.8)
-            cosine = np.clip(0.8 / np.maximum(z_m, 0.1) / _ray_length(camera), 0.0, 1.0)
-            view = CleanView(z_m, cosine, np.zeros_like(z_m))
-            depth = kinect_depth_mm(view, camera, device, random)
-            mapper.add(_pose(k, position, rotation))
+            depth = _shared_noise(z_m, device, blur_px, random)
+            mapper.add(pose_sample(k * 10**8, (0.05 * k, 0.0, 0.8), rotation))
             mapper.add(DepthFrame(k * 10**8, depth, camera, k))
         map_ = mapper.elevation_map()
         good = map_.state >= CellState.MEASURED
         errors.append(map_.elevation_m[good].astype(np.float64))
         sigmas.append(np.sqrt(map_.variance_m2[good].astype(np.float64)))
     return np.concatenate(errors), np.concatenate(sigmas)
-
-
-def _ray_length(camera: object) -> Float64Array:
-    from tests.mapping.scenes import rays
-
-    return np.linalg.norm(rays(camera), axis=-1)  # type: ignore[arg-type, no-any-return]
-
-
-def _pose(k: int, position: Float64Array, rotation: Float64Array) -> PoseSample:
-    from scipy.spatial.transform import Rotation
-
-    quat = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
-    return PoseSample(
-        k * 10**8,
-        frozen_array(position, (3,)),
-        frozen_array(quat, (4,)),
-        frozen_array(np.zeros((6, 6)), (6, 6)),
-        k,
-    )
 
 
 if __name__ == "__main__":

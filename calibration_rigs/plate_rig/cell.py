@@ -47,13 +47,14 @@ class CellResult:
         step_m: depth step at z_m.
         spread: of the readings, in steps.
         goodness: chi-square over the steps; None when too few steps occur.
-        plain_sigma_m: standard deviation of the same readings, steps included.
+        plain_sigma_m: standard deviation of the same readings about the plane, steps included:
+            the plane RMS.
         sheppard_sigma_m: the same less that of steps of uniform phase.
         error_m: reading minus tape at the plate's middle; None when the tape was refused.
         error_sigma_m: its standard deviation, without what all cells share.
         fill_rate: share of the plate's pixels that read.
         z_accuracy: median of (reading - truth) / truth; None without tape.
-        plane_rms_m, subpixel_rms_px: deviation from the plane.
+        subpixel_rms_px: plane RMS as disparity.
         temporal: spread in time.
         lateral_px, lateral_readings: spread of the side edges in pixels of the 640 px wide image.
         correlation_area_px: pixels of the 640 px wide image that share one draw.
@@ -82,7 +83,6 @@ class CellResult:
     error_sigma_m: float
     fill_rate: float
     z_accuracy: float | None
-    plane_rms_m: float
     subpixel_rms_px: float
     temporal: TemporalSpread
     lateral_px: float
@@ -157,7 +157,6 @@ def analyse(frames: CellFrames, cell: CellEntry, rig: Rig) -> CellOutcome:
         error_sigma_m=float(np.hypot(error_sigma_m, offset_m)),
         fill_rate=_fill_rate(frames, plate),
         z_accuracy=None if error_m is None else error_m / (found.middle_m[2] - error_m),
-        plane_rms_m=spread.plain * spread.step_m,
         subpixel_rms_px=spread.plain * rig.disparity_step_px,
         temporal=temporal_spread(frames.depth_mm, plate.eroded),
         lateral_px=lateral * decimation,

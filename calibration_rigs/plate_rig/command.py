@@ -68,12 +68,17 @@ def _process(options: argparse.Namespace, manifest: Manifest, console: Console) 
 
 
 def _session(options: argparse.Namespace, console: Console) -> int:
+    from calibration_rigs.plate_rig.manifest import read_rig
     from calibration_rigs.plate_rig.recording import RoverCapture
     from calibration_rigs.plate_rig.session import PlateSession, SessionPlan
 
-    plan = SessionPlan(seed=options.seed, environment=options.environment)
+    rig = read_rig(options.session)
+    plan = SessionPlan(seed=options.seed, environment=options.environment, rig=rig)
     session = PlateSession(options.session, plan, RoverCapture(options.config), Keyboard(console))
-    finished = session.run()
+    try:
+        finished = session.run()
+    except KeyboardInterrupt:  # what was recorded is kept; say so instead of "no output"
+        finished = False
     console.lines([session.progress_line()])
     return OK if finished else CHECK_FAILED
 

@@ -13,7 +13,8 @@
 
 A CSV file has one cell a line under the same names, with corner_top_left_m, corner_top_right_m
 and corner_bottom_left_m for the tape, and an empty field where nothing was read. Distances are
-taken along the viewing direction, from the front of the camera.
+taken along the viewing direction, from the front of the camera. A rig.toml beside it may hold the
+[rig] table.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from calibration_rigs.errors import RigError
 from mapping.measurement import SENSOR_WIDTH_PX
 
 MANIFEST_NAMES = ("plate.toml", "plate.csv")
+RIG_NAME = "rig.toml"
 Environment = Literal["indoor", "outdoor"]
 CORNERS = ("top left", "top right", "bottom left")
 
@@ -134,13 +136,32 @@ def read_manifest(path: Path) -> Manifest:
         path = _in_folder(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
-        values = _from_csv(text) if path.suffix.lower() == ".csv" else tomllib.loads(text)
-        found = RigFile.model_validate(values)
+        is_table = path.suffix.lower() == ".csv"
+        found = RigFile.model_validate(_from_csv(text) if is_table else tomllib.loads(text))
     except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise RigError(f"cannot read {path}: {error}; expected a plate.toml or .csv") from error
     except ValidationError as error:
         raise RigError(f"{path}: {first_fault(error)}") from error
-    return Manifest(path.parent, found.rig, found.cells)
+    rig = read_rig(path.parent) if is_table else found.rig
+    return Manifest(path.parent, rig, found.cells)
+
+
+def read_rig(folder: Path) -> Rig:
+    """Return the [rig] of a folder's rig.toml, or the default where there is none.
+
+    Raises:
+        RigError: it cannot be read, or is not of the form above.
+    """
+    path = folder / RIG_NAME
+    if not path.exists():
+        return Rig()
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        return Rig.model_validate(values.get("rig", {}))
+    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise RigError(f"cannot read {path}: {error}; expected a [rig] table") from error
+    except ValidationError as error:
+        raise RigError(f"{path}: {first_fault(error)}") from error
 
 
 def _in_folder(folder: Path) -> Path:

@@ -117,7 +117,8 @@ def process(
             failures.append(outcome)
             continue
         results.append(outcome.result)
-        if total is None or count is None or total.shape != outcome.residual_px.shape:
+        _one_device(results)
+        if total is None or count is None:
             total = np.zeros(outcome.residual_px.shape)
             count = np.zeros(outcome.residual_px.shape, np.uint16)
         there = np.isfinite(outcome.residual_px)
@@ -177,7 +178,7 @@ def _one_device(cells: list[CellResult]) -> DeviceIdentity:
     """Return the device of all cells.
 
     Raises:
-        RigError: there are several.
+        RigError: there are several, or several image sizes or intrinsics.
     """
     devices = {(cell.device.model, cell.device.serial): cell for cell in cells}
     if len(devices) > 1:
@@ -186,6 +187,8 @@ def _one_device(cells: list[CellResult]) -> DeviceIdentity:
             for (model, serial), cell in devices.items()
         )
         raise RigError(f"the recordings are of {len(devices)} devices: {names}; calibrate each")
+    if len({cell.camera for cell in cells}) > 1:
+        raise RigError("the recordings differ in image size or intrinsics; expected one camera")
     return cells[0].device if cells else DeviceIdentity()
 
 

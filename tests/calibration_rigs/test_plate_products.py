@@ -181,6 +181,16 @@ def test_a_table_that_is_wrong(tmp_path: Path) -> None:
         read_manifest(tmp_path)
 
 
+def test_a_rig_beside_a_table(tmp_path: Path) -> None:
+    (tmp_path / "plate.csv").write_text("recording,distance_m,angle_deg\na.mcap,1,0\n")
+    assert read_manifest(tmp_path).rig.plate_width_m == 1.0
+    (tmp_path / "rig.toml").write_text("[rig]\nplate_width_m = 0.8\n")
+    assert read_manifest(tmp_path / "plate.csv").rig.plate_width_m == 0.8
+    (tmp_path / "rig.toml").write_text("[rig]\nplate_width = 0.8\n")
+    with pytest.raises(RigError, match=r"rig\.toml: plate_width: Extra inputs"):
+        read_manifest(tmp_path)
+
+
 def test_wrong_use_of_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["calibrate", "plate"]) == 2
     assert "or --session DIR" in capsys.readouterr().err

@@ -6,7 +6,8 @@ import io
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,7 +16,7 @@ from acquisition.stream.reader import StreamMessage
 from acquisition.stream.writer import StreamWriter
 from drivers.samples import DepthFrame, PoseSample, Sample
 from drivers.source import SourceInfo
-from mapping.calibration_file import noise_to_json
+from mapping.calibration_file import DeviceIdentity, noise_to_json, parse_calibration
 from mapping.errors import MappingError
 from mapping.mapper import Mapper
 from mapping.noise import KINECT_V1, NGUYEN_2012, constant_noise
@@ -177,3 +178,38 @@ def test_the_recordings_map_section_counts_where_the_user_says_nothing() -> None
 def test_a_map_section_that_is_none_is_refused(section: object) -> None:
     with pytest.raises(MappingError, match=r"map section|gate_sigma"):
         _map({"map": section}, MapOptions(MapSettings()))
+
+
+def _file_of(serial: str) -> str:
+    return noise_to_json(constant_noise(0.01), DeviceIdentity(model="K", serial=serial))
+
+
+def _from_device(serial: str, options: MapOptions, recorded: Mapping[str, object]) -> MapResult:
+    stream = io.BytesIO()
+    source = replace(SOURCE, serial=serial)
+    with StreamWriter(
+        stream, sources=[source], static_transforms=mount().transforms, settings=recorded
+    ) as writer:
+        for sample in _samples():
+            writer.write(sample)
+    return map_stream(reader_of(stream.getvalue()), options)
+
+
+def test_the_calibration_of_the_recording_s_device_is_found(tmp_path: Path) -> None:
+    for serial in ("A1", "B2"):
+        (tmp_path / f"{serial}.json").write_text(_file_of(serial))
+    options = MapOptions(MapSettings(), calibrations=tmp_path)
+    assert _from_device("A1", options, {}).noise.axial_offset_m == 0.01
+    assert _from_device("C3", options, {}).noise.name == KINECT_V1.name
+
+
+def test_another_device_s_calibration_is_refused(tmp_path: Path) -> None:
+    calibration = parse_calibration(_file_of("A1"), "a.json")
+    options = MapOptions(MapSettings(), noise=calibration)
+    assert _from_device("A1", options, {}).noise.name == "constant"
+    assert _from_device("", options, {}).noise.name == "constant"  # nobody can tell
+    with pytest.raises(MappingError, match=r"a\.json was measured on K A1, the recording is of"):
+        _from_device("B2", options, {})
+    recorded = {"depth_noise": json.loads(_file_of("A1"))}
+    with pytest.raises(MappingError, match="the recording's depth_noise was measured on K A1"):
+        _from_device("B2", MapOptions(MapSettings()), recorded)
