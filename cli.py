@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 if TYPE_CHECKING:
     from acquisition.commands.console import Board
+    from acquisition.messages.frames import StaticTransform
+    from simulation.scenarios import Scenario
 
 _UNUSABLE = 2
 _INTERRUPTED = 130
@@ -46,7 +48,9 @@ _COMMANDS = {
     "cut": _Command("copy a part of a recording", "acquisition.commands.record"),
     "merge": _Command("copy several recordings into one", "acquisition.commands.record"),
     "map": _Command("turn a recording into an elevation map", "mapping.commands"),
-    "export": _Command("convert a map to GeoTIFF, PLY or PNG, draw figures", "mapping.commands"),
+    "export": _Command(
+        "convert a map to GeoTIFF, PLY or PNG, draw figures", "mapping.output.commands"
+    ),
     "evaluate": _Command("compare a map with the truth or a flat floor", "mapping.commands"),
     "calibrate": _Command("make calibration files on a rig", "calibration_rigs.commands"),
     "warmup": _Command("compile the mapping kernels now", "mapping.commands"),
@@ -204,8 +208,8 @@ def _shadowed_room() -> str:
 def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe demo`."""
     parser.add_argument("--out", type=Path, default=Path("terravibe-demo"), metavar="DIR")
-    parser.add_argument("--seed", type=int, default=3, metavar="N", help="of terrain and noise (3)")
-    parser.add_argument("--seconds", type=float, default=12.0, metavar="S", help="of driving (12)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything (1)")
+    parser.add_argument("--seconds", type=float, default=15.0, metavar="S", help="in all (15)")
     parser.add_argument("--json", action="store_true", help="print the scores as JSON")
 
 
@@ -214,22 +218,31 @@ def run_demo(options: argparse.Namespace, console: Terminal) -> int:
     from acquisition.commands.console import show
     from mapping.commands import frame_counter, prepare_kernels
     from mapping.demo import Demo, run
-    from mapping.judging.truth import Truth
-    from simulation.devices.ideal_camera import IDEAL_CAMERA_NOISE
-    from simulation.ideal_drive import IdealDrive
+    from simulation.scenario_source import ScenarioSource
+    from simulation.scenarios import make_scenario
 
+    scenario = make_scenario("simulation", options.seed, options.seconds)
     prepare_kernels(console)
-    drive = IdealDrive(options.seed, options.seconds)
-
-    def truth(cell_size_m: float, range_min_m: float, range_max_m: float) -> Truth:
-        known = drive.truth(cell_size_m, range_min_m, range_max_m)
-        return Truth(known.x_m, known.y_m, known.height_m, known.visible)
-
-    demo = Demo(drive, truth, IDEAL_CAMERA_NOISE)
-    with console.progress(f"driving {options.seconds:g} s") as reached:
-        result = run(demo, options.out, frame_counter(reached))
+    console.note(
+        f"a simulated rover, {options.seconds:g} s over lunar ground, seed {options.seed}: Kinect, "
+        "vibration sensor, yaw gyro, wheels on CAN; the map is made with its true poses"
+    )
+    with console.progress("simulating") as reached:
+        source = ScenarioSource(scenario, on_progress=lambda s: reached(f"driven {s:.0f} s"))
+        demo = Demo(source, source.write_truth, *_recorded_with(scenario))
+        result = run(demo, options.out, console.note, frame_counter(reached))
     show(console, result, as_json=options.json)
     return 0
+
+
+def _recorded_with(scenario: Scenario) -> tuple[list[StaticTransform], dict[str, object]]:
+    """Return the mounts and the settings that belong into a scenario's recording."""
+    from acquisition.messages.frames import StaticTransform
+    from simulation.devices.kinect_noise import recording_settings
+    from simulation.devices.sensor_mounts import sensor_mounts
+
+    mounts = sensor_mounts(scenario.options, scenario.mount)
+    return [StaticTransform(*mount) for mount in mounts], recording_settings(scenario.camera.model)
 
 
 def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
@@ -239,9 +252,7 @@ def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="RUN.mcap")
     parser.add_argument("--truth", type=Path, required=True, metavar="TRUTH.nc")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything (1)")
-    parser.add_argument(
-        "--seconds", type=float, default=20.0, metavar="S", help="with 3 s at rest (20)"
-    )
+    parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="in all (20)")
     parser.add_argument("--poses", choices=("true", "mocap"), help="instead of the scenario's own")
 
 
@@ -249,39 +260,26 @@ def run_simulate(options: argparse.Namespace, console: Terminal) -> int:
     """Drive, record and tell the truth; both files appear, or none."""
     from acquisition.files import replacing
     from acquisition.importing import record_all
-    from acquisition.messages.frames import StaticTransform
-    from simulation.devices.kinect_noise import kinect_noise_file
-    from simulation.devices.sensor_mounts import sensor_mounts
     from simulation.errors import SimulationError
     from simulation.scenario_source import ScenarioSource
     from simulation.scenarios import make_scenario
-    from simulation.truth_file import motion_signals, write_truth_file
 
     output, truth, seconds = options.output, options.truth, options.seconds
     if output.resolve() == truth.resolve():
         raise SimulationError(f"recording and truth are both {output}; give two names")
     begin = time.monotonic()
     scenario = make_scenario(options.scenario, options.seed, seconds, options.poses)
-    mounts = sensor_mounts(scenario.options, scenario.mount)
-    with (
-        console.progress(f"simulating {seconds:g} s") as reached,
-        replacing(truth) as new_truth,
-        replacing(output) as new_output,
-    ):
+    mounts, settings = _recorded_with(scenario)
+    with console.progress(f"simulating {seconds:g} s") as reached, replacing(truth) as new_truth:
         source = ScenarioSource(scenario, on_progress=lambda s: reached(f"driven {s:.0f} s"))
         summary = record_all(
             source,
-            new_output,
-            static_transforms=[StaticTransform(*mount) for mount in mounts],
-            settings={
-                "depth_noise": kinect_noise_file(scenario.camera.model),
-                "mount_sigma_m": 0.0,
-                "mount_sigma_rad": 0.0,
-            },
+            output,
+            static_transforms=mounts,
+            settings=settings,
             progress=lambda samples: reached(f"recorded {samples} samples"),
+            when_complete=lambda: source.write_truth(new_truth),
         )
-        known = motion_signals(source.motion)
-        write_truth_file(new_truth, source.truth(), scenario.ground, known)
     wall_s = time.monotonic() - begin
     console.lines(
         [
@@ -290,6 +288,8 @@ def run_simulate(options: argparse.Namespace, console: Terminal) -> int:
             f"took {wall_s:.1f} s, {seconds / wall_s:.2f} times faster than real time",
         ]
     )
+    if stuck_s := source.motion.stuck_s:
+        console.note(f"warning: the rover was stuck for {stuck_s:.1f} s of the run")
     return 0
 
 

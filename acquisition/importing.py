@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from acquisition.errors import StreamError
-from acquisition.files import replacing
+from acquisition.files import check_target, replacing
 from acquisition.messages.frames import StaticTransform
 from acquisition.stream.writer import StreamWriter
 from drivers.errors import EndOfSource
@@ -32,6 +33,7 @@ def record_all(
     static_transforms: Sequence[StaticTransform],
     settings: Mapping[str, object],
     progress: Callable[[int], None] | None = None,
+    when_complete: Callable[[], object] = lambda: None,
 ) -> ImportSummary:
     """Write everything that the source gives to a recording, which appears when it is complete.
 
@@ -41,31 +43,45 @@ def record_all(
         static_transforms: where the frames sit.
         settings: the resolved configuration, as JSON values.
         progress: called with the number of samples so far, after each read.
+        when_complete: called when all is written, before the recording appears under its name;
+            what it raises keeps the recording from appearing.
 
     Raises:
         DriverError: the source failed.
         StreamError: the recording cannot be written, or there is nothing to record.
     """
+    check_target(path)  # before the source is opened, which may be long work
     samples = 0
     try:
         info = source.open()
-        with (
-            replacing(path) as temporary,
-            StreamWriter(
+        with _told_by_name(path), replacing(path) as temporary:
+            with StreamWriter(
                 temporary, sources=[info], static_transforms=static_transforms, settings=settings
-            ) as writer,
-        ):
-            for batch in _batches(source):
-                for sample in batch:
-                    writer.write(sample)
-                samples += len(batch)
-                if progress is not None:
-                    progress(samples)
+            ) as writer:
+                for batch in _batches(source):
+                    for sample in batch:
+                        writer.write(sample)
+                    samples += len(batch)
+                    if progress is not None:
+                        progress(samples)
             if not samples:
                 raise StreamError(f"{info.name} holds no samples; nothing was written to {path}")
+            when_complete()
     finally:
         source.close()
     return ImportSummary(info, samples)
+
+
+@contextmanager
+def _told_by_name(path: Path) -> Iterator[None]:
+    """Let what the system refused be told of the product, not of its temporary file."""
+    try:
+        yield
+    except StreamError as error:
+        if isinstance(error.__cause__, OSError):
+            reason = error.__cause__.strerror
+            raise StreamError(f"cannot write {path}: {reason}; nothing of it is kept") from error
+        raise
 
 
 def _batches(source: Source) -> Iterator[Sequence[Sample]]:

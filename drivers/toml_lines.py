@@ -35,7 +35,7 @@ def lines_of_keys(text: str) -> dict[KeyPath, int]:
 
 
 def line_of(path: KeyPath, lines: Mapping[KeyPath, int]) -> int:
-    """Return the line of the key, or of the nearest table above it that is written down."""
+    """Return the line, from 1, of the key, or of the nearest table above that is written."""
     while path not in lines:
         path = path[:-1]
     return lines[path]

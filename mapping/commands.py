@@ -49,7 +49,7 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe map`; options left out keep the recording's values or the defaults."""
     add = parser.add_argument
     add("recording", help="MCAP file, or - for standard input")
-    add("-o", "--output", type=Path, required=True, metavar="FILE.nc")
+    add("-o", "--output", type=Path, metavar="FILE.nc", help="required without --world")
     add("--follow", action="store_true", help="map a file that is still being written")
     add("--idle-timeout-s", type=float, default=inf, metavar="S", help="with --follow: give up")
     add(
@@ -57,7 +57,10 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--resolution", dest="resolution_m", type=float, metavar="M", help="cell size (0.04)")
     add("--grid", choices=("growing", "scrolling"), help="keep everything, or a window")
-    add("--window-m", type=float, metavar="M", help="edge of the scrolling window (6)")
+    add("--window-m", type=float, metavar="M", help="edge of that window (6; of a world 12)")
+    add("--world", type=Path, metavar="DIR.zarr", help="keep on disk what leaves the window")
+    add("--continue", dest="continue_world", action="store_true", help="add to that world")
+    add("--method", choices=("corrected", "paper2019"), help="or the paper's printed equations")
     add("--noise", metavar="MODEL", help="preset, constant:SIGMA_M, or a calibration file")
     add("--calibrations", type=Path, metavar="DIR", help="take the file of the recording's device")
     add("--range-min-m", type=float, metavar="M", help="nearest depth that is mapped (0.4)")
@@ -74,18 +77,19 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_map(options: argparse.Namespace, console: Console) -> int:
     """Turn a recording into an elevation map; 1 when parts of it were damaged."""
-    from acquisition.files import check_target
     from acquisition.stream.reader import StreamReader
     from mapping.ground.fill import fill_gaps, gap_cells
+    from mapping.output.commands import draw
     from mapping.output.map_file import write_map
     from mapping.output.map_summary import summarise_run
+    from mapping.paper2019.faults import describe_faults
     from mapping.session import map_stream
 
     map_options = _map_options(options)
     gap_m = options.fill_gaps_up_to_m
     if gap_m is not None:
         gap_cells(gap_m, map_options.settings.resolution_m)  # refuse it before the long work
-    check_target(options.output)
+    _check_targets(options)
     with _byte_source(options) as source:
         prepare_kernels(console)
         reader = StreamReader(source, reorder_window_ns=round(options.reorder_window_s * 1e9))
@@ -93,14 +97,34 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
             result = map_stream(reader, map_options, frame_counter(reached))
     if gap_m is not None:
         result = replace(result, map=fill_gaps(result.map, gap_m))
-    write_map(result.map, options.output)
+    if options.output:
+        write_map(result.map, options.output)
     if options.figures:
-        _draw(result.map, options.figures, console)
-    summary = summarise_run(result, str(options.output))
+        draw(result.map, options.figures, console)
+    summary = summarise_run(result, str(options.output or options.world))
     show(console, summary, as_json=options.json)
+    if options.method == "paper2019":
+        console.note(describe_faults())
     for warning in summary.warnings:
         console.note(f"warning: {warning}")
     return CHECK_FAILED if result.report.damaged else OK
+
+
+def _check_targets(options: argparse.Namespace) -> None:
+    """Refuse what cannot be written before the long work."""
+    from acquisition.files import check_target
+    from mapping.errors import MappingError
+
+    if options.output:
+        check_target(options.output)
+    elif not options.world:
+        raise MappingError("nothing to write; give -o FILE.nc, --world DIR.zarr, or both")
+    if options.world and options.grid == "growing":
+        raise MappingError("a world is mapped through a scrolling window; leave --grid out")
+    if options.world and options.method == "paper2019":
+        raise MappingError("paper2019 has no window over a world; leave --world out")
+    if options.continue_world and not options.world:
+        raise MappingError("--continue adds to a world; give --world DIR.zarr too")
 
 
 def _map_options(options: argparse.Namespace) -> MapOptions:
@@ -113,14 +137,21 @@ def _map_options(options: argparse.Namespace) -> MapOptions:
     given = {
         name: value for name, value in vars(options).items() if name in names and value is not None
     }
+    defaults: dict[str, float] = {}
+    if options.world:
+        given["grid"] = "scrolling"
+        defaults["window_m"] = 12.0
     degrees = options.mount_sigma_deg
     return MapOptions(
-        settings=MapSettings(**given),
+        settings=MapSettings(**(defaults | given)),
         given=frozenset(given),
         noise=calibration_from_name(options.noise) if options.noise else None,
         calibrations=options.calibrations,
         mount_sigma_m=options.mount_sigma_m,
         mount_sigma_rad=None if degrees is None else radians(degrees),
+        world=options.world,
+        continue_world=options.continue_world,
+        method=options.method or "corrected",
     )
 
 
@@ -182,13 +213,6 @@ def prepare_kernels(console: Console) -> None:
     compile_kernels()
 
 
-def _draw(map_: ElevationMap, folder: Path, console: Console) -> None:
-    from mapping.output.figures import write_figures
-
-    with console.progress(f"drawing into {folder}"):
-        write_figures(map_, folder)
-
-
 def add_warmup_arguments(_: argparse.ArgumentParser) -> None:
     """Declare `terravibe warmup`, which has none."""
 
@@ -200,31 +224,6 @@ def run_warmup(_: argparse.Namespace, console: Console) -> int:
     return OK
 
 
-def add_export_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare `terravibe export`."""
-    parser.add_argument("map", type=Path)
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help=".tif, .ply or .png")
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw all figures into DIR")
-
-
-def run_export(options: argparse.Namespace, console: Console) -> int:
-    """Convert a map to what other programs read."""
-    from mapping.errors import MappingError
-    from mapping.output.export import export
-    from mapping.output.map_file import read_map
-
-    if options.output is None and options.figures is None:
-        raise MappingError("nothing to do; give -o FILE (.tif, .ply, .png), --figures DIR, or both")
-    map_ = read_map(options.map)
-    if options.output:
-        export(map_, options.output)
-        console.lines([str(options.output)])
-    if options.figures:
-        _draw(map_, options.figures, console)
-        console.lines([str(options.figures)])
-    return OK
-
-
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe evaluate`."""
     parser.add_argument("map", type=Path)
@@ -232,19 +231,28 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     judge.add_argument("--truth", type=Path, metavar="FILE.nc", help="true heights")
     judge.add_argument("--floor-height-m", type=float, metavar="M", help="height of a flat floor")
     parser.add_argument("--box", type=Path, metavar="FILE", help="a box that stands on the floor")
+    parser.add_argument(
+        "--trajectory",
+        type=Path,
+        metavar="FILE.txt",
+        help="with --truth: the poses that the map was made with, where they are not the true ones",
+    )
+    parser.add_argument("--figures", type=Path, metavar="DIR", help="with --truth: draw into DIR")
     parser.add_argument("--json", action="store_true")
 
 
 def run_evaluate(options: argparse.Namespace, console: Console) -> int:
     """Compare a map with the truth or with a flat floor."""
+    from mapping.errors import MappingError
     from mapping.judging.floor_evaluation import evaluate_floor, read_box
-    from mapping.judging.truth import evaluate_truth, read_truth
     from mapping.output.map_file import read_map
 
     map_ = read_map(options.map)
     scores: Scores | FloorScores
     if options.truth:
-        scores = evaluate_truth(map_, read_truth(options.truth))
+        scores = _evaluate_truth(map_, options, console)
+    elif options.trajectory or options.figures:
+        raise MappingError("--trajectory and --figures need --truth; a flat floor has neither")
     else:
         box = read_box(options.box) if options.box else None
         scores = evaluate_floor(map_, options.floor_height_m, box)
@@ -253,3 +261,17 @@ def run_evaluate(options: argparse.Namespace, console: Console) -> int:
     else:
         console.lines(scores.lines())
     return OK
+
+
+def _evaluate_truth(map_: ElevationMap, options: argparse.Namespace, console: Console) -> Scores:
+    from drivers.depth.trajectory import read_trajectory
+    from mapping.judging.truth import evaluate_truth, read_truth
+    from mapping.output.figures import write_figures
+
+    truth = read_truth(options.truth)
+    believed = read_trajectory(options.trajectory) if options.trajectory else None
+    scores = evaluate_truth(map_, truth, believed=believed)
+    if options.figures:
+        with console.progress(f"drawing into {options.figures}"):
+            write_figures(map_, options.figures, truth.truth_at(map_).height_m, scores)
+    return scores

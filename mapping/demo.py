@@ -1,21 +1,22 @@
-"""A run from a device to a judged map, in one folder: what a newcomer sees first."""
+"""A run from the devices to a judged map, in one folder: what a newcomer sees first."""
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from acquisition.files import replacing
-from acquisition.messages.frames import camera_is_tracked_body
+from acquisition.messages.frames import StaticTransform
+from acquisition.recording.plan import RecordingPlan
+from acquisition.recording.source_worker import WorkerSettings
 from acquisition.stream.reader import StreamMessage
 from drivers.source import Source
 from mapping.errors import MappingError
 from mapping.judging.evaluation import Scores
-from mapping.judging.truth import Truth, evaluate_truth, write_truth
+from mapping.judging.truth import Truth, evaluate_truth, read_truth
 from mapping.live import record_and_map
 from mapping.output.figures import write_figures
 from mapping.output.map_file import write_map
@@ -24,12 +25,10 @@ from mapping.output.report import write_report
 from mapping.session import MapOptions, MapResult
 from mapping.settings import MapSettings
 
-
-class KnownTerrain(Protocol):
-    """Gives the true terrain after a drive, as a simulator knows it."""
-
-    def __call__(self, cell_size_m: float, range_min_m: float, range_max_m: float) -> Truth:
-        """Return the truth on cells of that size, with what could be seen within the range."""
+# A simulated rover drives while its source opens, and may take its time for it.
+_LONGEST_DRIVE_S = 3600.0
+# It then reports faster than real time; nothing may be dropped meanwhile.
+_QUEUE_BYTES = 1 << 28
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +36,16 @@ class Demo:
     """What is driven.
 
     Attributes:
-        source: gives poses of the depth camera, and depth.
-        truth: the terrain that it drove over.
-        depth_noise: its noise model, in the keys of a depth noise file.
+        source: gives everything that the rover's devices report.
+        write_truth: writes the truth of what was driven to a file, as `read_truth` reads it.
+        static_transforms: where the devices sit.
+        settings: goes into the recording, with the depth noise among it.
     """
 
     source: Source
-    truth: KnownTerrain
-    depth_noise: Mapping[str, object]
+    write_truth: Callable[[Path], None]
+    static_transforms: Sequence[StaticTransform]
+    settings: Mapping[str, object]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,45 +63,62 @@ class DemoResult:
 
     def describe(self) -> list[str]:
         """Return the result as lines for people."""
-        verdict = (
-            f"RMSE {1000 * self.scores.rmse_m:.2f} mm; within 1 sigma "
+        accuracy = (
+            f"RMSE {1000 * self.scores.rmse_m:.2f} mm, P99 {1000 * self.scores.p99_m:.1f} mm; "
+            f"{self.scores.completeness:.1%} of the visible cells"
+        )
+        honesty = (
+            "within 1 sigma "
             f"{self.scores.coverage_1sigma:.1%} (aim 60-80 %), within 3 sigma "
             f"{self.scores.coverage_3sigma:.2%} (aim 98.5 % or more)"
         )
         done = f"{self.seconds:.1f} s; open {self.folder / 'report.html'}"
-        return [*self.run.describe(), *self.scores.lines(), verdict, done]
+        return [*self.run.describe(), *self.scores.lines(), accuracy, honesty, done]
 
 
 def run(
-    demo: Demo, folder: Path, progress: Callable[[StreamMessage], None] = lambda _: None
+    demo: Demo,
+    folder: Path,
+    tell: Callable[[str], None] = lambda _: None,
+    progress: Callable[[StreamMessage], None] = lambda _: None,
 ) -> DemoResult:
     """Record, map live, judge, draw and report into a folder.
 
-    Leaves run.mcap, map.nc, truth.nc, metrics.json, report.html and the figures.
+    Leaves run.mcap, map.nc, truth.nc, metrics.json, report.html and the figures, in place of
+    those of an earlier run.
+
+    Args:
+        demo: what is driven.
+        folder: made where it is missing.
+        tell: gets a line before each step.
+        progress: gets each message that is mapped.
 
     Raises:
         MappingError: the folder cannot be made, or there is no map.
-        DriverError, StreamError: the source or the recording failed.
+        DriverError, RecorderError, StreamError: the source or the recording failed.
     """
+    recording = folder / "run.mcap"
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        recording.unlink(missing_ok=True)
     except OSError as error:
-        raise MappingError(f"cannot make the folder {folder}: {error.strerror}") from error
+        raise MappingError(f"cannot begin anew in {folder}: {error.strerror}") from error
     start = time.monotonic()
-    settings = MapSettings()
-    mapped = record_and_map(
-        demo.source,
-        folder / "run.mcap",
-        static_transforms=[camera_is_tracked_body()],
-        settings={"depth_noise": demo.depth_noise},
-        options=MapOptions(settings),
-        progress=progress,
+    tell(f"driving; then all devices go to {recording}, which is mapped while it grows")
+    plan = RecordingPlan(
+        static_transforms=demo.static_transforms,
+        settings=demo.settings,
+        preflight_timeout_s=_LONGEST_DRIVE_S,
+        worker=WorkerSettings(queue_limit_bytes=_QUEUE_BYTES),
     )
-    truth = demo.truth(settings.resolution_m, mapped.noise.range_min_m, mapped.noise.range_max_m)
+    mapped = record_and_map(demo.source, recording, plan, MapOptions(MapSettings()), progress)
+    tell("comparing the map with the true terrain")
+    demo.write_truth(folder / "truth.nc")
+    truth = read_truth(folder / "truth.nc")
     scores = evaluate_truth(mapped.map, truth)
     summary = summarise_run(mapped, str(folder / "map.nc"))
     write_map(mapped.map, folder / "map.nc")
-    write_truth(folder / "truth.nc", truth)
+    tell("drawing the figures and the report")
     _report(folder, mapped, truth, scores, summary)
     result = DemoResult(folder, summary, scores, time.monotonic() - start)
     with replacing(folder / "metrics.json") as temporary:
@@ -112,7 +130,8 @@ def _report(
     folder: Path, mapped: MapResult, truth: Truth, scores: Scores, summary: RunSummary
 ) -> None:
     """Draw the figures and write the report around them."""
-    figures = write_figures(mapped.map, folder / "figures", truth.truth_at(mapped.map).height_m)
+    heights_m = truth.truth_at(mapped.map).height_m
+    figures = write_figures(mapped.map, folder / "figures", heights_m, scores)
     facts = {name.replace("_", " "): str(value) for name, value in summary.counts.items()}
     for number, warning in enumerate(summary.warnings, 1):
         facts[f"warning {number}"] = warning

@@ -13,6 +13,8 @@ from mapping.cells import relief_kernels, update_kernels
 from mapping.cells.elevation_map import read_out
 from mapping.cells.grid import GrowingGrid
 from mapping.cells.update_constants import fusion_constants
+from mapping.change import overhang, own_body, visibility
+from mapping.change.visibility import clear_seen_through, sight_of
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.ground import fill_kernels, layer_kernels
 from mapping.ground.fill import fill_gaps
@@ -25,6 +27,9 @@ _ENTRY_POINTS = (
     measurement_kernels.ranges_from_millimetres,
     measurement_kernels.accumulate,
     update_kernels.fuse,
+    own_body.drop_readings,
+    overhang.drop_readings,
+    visibility.look_through,
     relief_kernels.surrounding_relief,
     layer_kernels.plane_layers,
     layer_kernels.step_heights,
@@ -74,10 +79,14 @@ def compile_kernels() -> None:
     looking_down = RigidTransform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]))
     view = View(UncertainPose(0, looking_down, np.zeros((6, 6))), looking_down)
     reducer.load(np.full((12, 16), 1000, np.uint16))
+    own_body.drop_own_body(reducer.readings, [(5.0, 5.0, 5.0, 6.0, 6.0, 6.0)], looking_down)
     grid = GrowingGrid(settings)
     window = grid.prepare(reducer.footprint(view), 0.0, 0.0)
     sums, _ = reducer.reduce(view, window)
     constants = reducer.frame_constants(view, window, grid.position(window))
+    overhang.drop_overhangs(reducer.readings, view, constants, grid.layers, settings)
+    sight = sight_of(camera, NGUYEN_2012, view, 1)
+    clear_seen_through(np.full((12, 16), 1000, np.uint16), sums, constants, sight, grid.layers)
     update_kernels.fuse(sums, constants, fusion_constants(settings), grid.layers)
     map_ = read_out(grid, settings, {})
     derive(map_)

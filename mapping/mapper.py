@@ -5,20 +5,29 @@ Only sensor time enters. Live and offline differ in where the samples come from,
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from acquisition.messages.codec import Recordable
-from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, MOCAP_BODY_FRAME, StaticTransforms
+from acquisition.messages.frames import (
+    BASE_FRAME,
+    DEPTH_OPTICAL_FRAME,
+    MOCAP_BODY_FRAME,
+    StaticTransforms,
+)
 from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
 from mapping.cells.elevation_map import ElevationMap, read_out
-from mapping.cells.grid import make_grid
-from mapping.cells.update_constants import fusion_constants
+from mapping.cells.grid import CellWindow, Grid, make_grid
+from mapping.cells.update_constants import FrameConstants, fusion_constants
 from mapping.cells.update_kernels import fuse
+from mapping.change.overhang import drop_overhangs
+from mapping.change.own_body import drop_own_body
+from mapping.change.visibility import clear_seen_through, sight_of
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
-from mapping.measurement import FrameReducer, View
+from mapping.measurement import Float64Array, FrameReducer, View
 from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
 from mapping.pose_track import PoseTrack
@@ -36,12 +45,14 @@ class MapperCounts:
         frames: depth frames mapped.
         frames_without_pose: depth frames left out because no pose surrounds their time.
         poses, poses_out_of_order: poses taken; poses left out because they came out of order.
-        readings: valid depth readings of the mapped frames.
+        readings: valid depth readings of the mapped frames, without those dropped (below).
         readings_outside: readings of them that fell outside the grid.
         readings_uncalibrated: readings of them at distances that the calibration does not cover;
             mapped with the fallback's noise.
         updates: cell updates. rejected: those that went to a second hypothesis. replaced: second
-            hypotheses that took over.
+            hypotheses that took over. cleared: cells forgotten because rays passed through them.
+        readings_own_body: readings dropped because they hit the rover itself.
+        readings_overhanging: readings dropped because they hit what hangs high above the ground.
     """
 
     frames: int = 0
@@ -54,6 +65,9 @@ class MapperCounts:
     updates: int = 0
     rejected: int = 0
     replaced: int = 0
+    cleared: int = 0
+    readings_own_body: int = 0
+    readings_overhanging: int = 0
 
 
 class Mapper:
@@ -63,13 +77,15 @@ class Mapper:
         self,
         settings: MapSettings,
         noise: DepthNoiseModel,
+        grid: Grid | None = None,
         fallback: DepthNoiseModel | None = None,
     ) -> None:
-        """Start with an empty map.
+        """Start with an empty map, or with a grid that knows cells already.
 
         Args:
             settings: how to map.
             noise: the depth camera's noise; holds within its own range.
+            grid: knows cells already; None = an empty one.
             fallback: noise of readings that the settings want and `noise` does not cover;
                 None = such readings are not mapped.
 
@@ -79,7 +95,7 @@ class Mapper:
         self.settings = settings
         self.noise = _within_both_ranges(settings, noise)
         self.counts = MapperCounts()
-        self._grid = make_grid(settings)
+        self._grid = grid or make_grid(settings)
         self._fusion = fusion_constants(settings)
         self._poses = PoseTrack(round(settings.pose_gap_max_s * 1e9))
         self._mounts = MountTree()
@@ -105,10 +121,15 @@ class Mapper:
         self._map_ready_frames(sample.t_ns)
 
     def finish(self) -> None:
-        """Map the frames that can be mapped and count the rest; the stream is over."""
+        """Map the frames that can be mapped and count the rest; the stream is over.
+
+        Raises:
+            MappingError: as `add`, or the grid cannot be saved.
+        """
         waiting, self._waiting = self._waiting, []
         for frame in waiting:
             self._map_or_count(frame)
+        self._grid.save()
 
     def elevation_map(self, attributes: dict[str, str | int | float] | None = None) -> ElevationMap:
         """Return the map as it is now.
@@ -118,7 +139,15 @@ class Mapper:
         """
         if self.counts.frames == 0:
             raise MappingError(self._why_nothing())
-        return read_out(self._grid, self.settings, attributes or {})
+        return self.read_map(attributes or {})
+
+    def read_map(self, attributes: Mapping[str, str | int | float]) -> ElevationMap:
+        """Return the map as it is now, however few frames it has seen.
+
+        Raises:
+            MappingError: no reading has reached the map.
+        """
+        return read_out(self._grid, self.settings, attributes)
 
     def _map_ready_frames(self, now_ns: int) -> None:
         """Map waiting frames that a pose at or after their time, or patience, has released.
@@ -145,26 +174,66 @@ class Mapper:
         """One depth frame's walk: readings, footprint, sums per cell, update."""
         mount = self._mounts.lookup(MOCAP_BODY_FRAME, DEPTH_OPTICAL_FRAME)
         view = View(pose, pose.transform @ mount)
-        calibrated, *others = self._reducers_for(frame.camera)
-        self._reduce(calibrated, frame, view)
-        for reducer in others:
-            self.counts.readings_uncalibrated += self._reduce(reducer, frame, view)
+        reducers = self._reducers_for(frame.camera)
+        rover_x_m, rover_y_m, _ = pose.transform.translation_m
+        farthest = max(reducers, key=lambda reducer: reducer.range_max_m)
+        window = self._grid.prepare(farthest.footprint(view), rover_x_m, rover_y_m)
+        sums = [self._reduce(reducer, frame, view, window) for reducer in reducers]
+        constants = [
+            reducer.frame_constants(view, window, self._grid.position(window))
+            for reducer in reducers
+        ]
+        seen = sums[0] if len(sums) == 1 else sum(sums, np.zeros_like(sums[0]))
+        self._clear_seen_through(frame, view, seen, constants[0])
+        for part, constant in zip(sums, constants, strict=True):
+            result = fuse(part, constant, self._fusion, self._grid.layers)
+            self.counts.updates += result.cells
+            self.counts.rejected += result.rejected
+            self.counts.replaced += result.replaced
         self.counts.frames += 1
 
-    def _reduce(self, reducer: FrameReducer, frame: DepthFrame, view: View) -> int:
-        """Fuse the readings that a reducer takes; return how many."""
-        readings = reducer.load(frame.depth_mm)
-        rover_x_m, rover_y_m, _ = view.body.transform.translation_m
-        window = self._grid.prepare(reducer.footprint(view), rover_x_m, rover_y_m)
-        sums, inside = reducer.reduce(view, window)
+    def _reduce(
+        self, reducer: FrameReducer, frame: DepthFrame, view: View, window: CellWindow
+    ) -> Float64Array:
+        """Return the sums over the window of the readings that a reducer takes."""
+        readings = reducer.load(frame.depth_mm) - self._drop_own_body(reducer)
         constants = reducer.frame_constants(view, window, self._grid.position(window))
-        result = fuse(sums, constants, self._fusion, self._grid.layers)
+        readings -= self._drop_overhangs(reducer, view, constants)
+        sums, inside = reducer.reduce(view, window)
         self.counts.readings += readings
         self.counts.readings_outside += readings - inside
-        self.counts.updates += result.cells
-        self.counts.rejected += result.rejected
-        self.counts.replaced += result.replaced
-        return readings
+        if reducer is not self._reducers[0]:
+            self.counts.readings_uncalibrated += readings
+        return sums[: window.cells_x * window.cells_y]
+
+    def _drop_own_body(self, reducer: FrameReducer) -> int:
+        """Drop what hits the rover itself; return how many readings."""
+        if not self.settings.body_boxes_m:
+            return 0
+        mount = self._mounts.lookup(BASE_FRAME, DEPTH_OPTICAL_FRAME)
+        dropped = drop_own_body(reducer.readings, self.settings.body_boxes_m, mount)
+        self.counts.readings_own_body += dropped
+        return dropped
+
+    def _drop_overhangs(self, reducer: FrameReducer, view: View, constants: FrameConstants) -> int:
+        """Drop what hangs high above the ground; return how many readings."""
+        if self.settings.overhang_clearance_m == 0.0:
+            return 0
+        layers = self._grid.layers
+        dropped = drop_overhangs(reducer.readings, view, constants, layers, self.settings)
+        self.counts.readings_overhanging += dropped
+        return dropped
+
+    def _clear_seen_through(
+        self, frame: DepthFrame, view: View, sums: Float64Array, constants: FrameConstants
+    ) -> None:
+        """Forget cells that this frame, as others before it, has looked through."""
+        limit = self.settings.seen_through_frames
+        if limit:
+            sight = sight_of(frame.camera, self.noise, view, limit)
+            self.counts.cleared += clear_seen_through(
+                frame.depth_mm, sums, constants, sight, self._grid.layers
+            )
 
     def _reducers_for(self, camera: CameraIntrinsics) -> list[FrameReducer]:
         if not self._reducers or self._reducers[0].camera != camera:

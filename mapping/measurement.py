@@ -9,6 +9,7 @@ var(h) = J_S Sigma_S J_S' (per pixel: axial along the ray, lateral across it)
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,21 @@ class View:
     T_terrain_sensor: RigidTransform
 
 
+class Readings(NamedTuple):
+    """A loaded frame, for those who drop some of its readings by setting them to 0.
+
+    Attributes:
+        z_m: (height + 2 margin, width + 2 margin) distance along the optical axis; 0 = none.
+        margin_px: width of the margin of zeros.
+        ray_x: (width,) x/z of every column. ray_y: (height,) y/z of every row.
+    """
+
+    z_m: Float32Array
+    margin_px: int
+    ray_x: Float32Array
+    ray_y: Float32Array
+
+
 class FrameReducer:
     """Sums a frame's pixels per cell; keeps its work arrays from frame to frame."""
 
@@ -68,6 +84,16 @@ class FrameReducer:
     def camera(self) -> CameraIntrinsics:
         """The intrinsics that this reducer was made for."""
         return self._camera
+
+    @property
+    def range_max_m(self) -> float:
+        """The farthest reading that this reducer takes."""
+        return self._noise.range_max_m
+
+    @property
+    def readings(self) -> Readings:
+        """The loaded frame."""
+        return Readings(self._z_m, self._baseline_px, self._ray_x, self._ray_y)
 
     def footprint(self, view: View) -> CellWindow:
         """Return the cells that the view's frustum can reach.

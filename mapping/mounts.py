@@ -36,6 +36,21 @@ class MountTree:
         Raises:
             MappingError: the recording does not connect the two frames.
         """
+        reached = self._reach(target, source)
+        if source not in reached:
+            known = ", ".join(sorted(self._neighbours)) or "none"
+            raise MappingError(
+                f"the stream's /tf_static does not connect {target} with {source} (frames found: "
+                f"{known}); record the mount of the depth sensor"
+            )
+        return reached[source]
+
+    def connects(self, target: str, source: str) -> bool:
+        """Tell whether the recording connects two frames."""
+        return source in self._reach(target, source)
+
+    def _reach(self, target: str, source: str) -> dict[str, RigidTransform]:
+        """Return T_target_frame of the frames that are found on the way to `source`."""
         reached = {target: RigidTransform.identity()}
         queue = [target]
         while queue and source not in reached:
@@ -44,10 +59,4 @@ class MountTree:
                 if neighbour not in reached:
                     reached[neighbour] = reached[frame] @ transform
                     queue.append(neighbour)
-        if source not in reached:
-            known = ", ".join(sorted(self._neighbours)) or "none"
-            raise MappingError(
-                f"the stream's /tf_static does not connect {target} with {source} (frames found: "
-                f"{known}); record the mount of the depth sensor"
-            )
-        return reached[source]
+        return reached

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.stream.provenance import METADATA_NAME
@@ -22,7 +23,16 @@ from mapping.cells.elevation_map import ElevationMap
 from mapping.errors import MappingError
 from mapping.mapper import Mapper, MapperCounts
 from mapping.noise import KINECT_V1, DepthNoiseModel
+from mapping.paper2019.paper_mapper import PaperMapper
 from mapping.settings import MapSettings
+from mapping.world.tile_store import TileStore
+from mapping.world.world_grid import WorldGrid
+from mapping.world.world_map import about_world, check_same_cells
+
+Method = Literal["corrected", "paper2019"]
+
+# Kinds of JSON values that are no numbers, by setting.
+_RECORDED_KINDS: dict[str, tuple[type, ...]] = {"grid": (str,), "body_boxes_m": (list,)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +48,9 @@ class MapOptions:
         calibrations: folder of calibration files; that of the recording's depth camera is used
             when no noise is given.
         mount_sigma_m, mount_sigma_rad: uncertainty of the depth sensor's mount.
+        world: folder of a world map that keeps what leaves the scrolling window.
+        continue_world: whether that world is there already.
+        method: "corrected", or "paper2019" for the printed equations (`mapping.paper2019`).
     """
 
     settings: MapSettings
@@ -46,6 +59,9 @@ class MapOptions:
     calibrations: Path | None = None
     mount_sigma_m: float | None = None
     mount_sigma_rad: float | None = None
+    world: Path | None = None
+    continue_world: bool = False
+    method: Method = "corrected"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +87,14 @@ def map_stream(
         StreamError: the stream cannot be read.
     """
     mapper: Mapper | None = None
-    for message in reader:
-        mapper = mapper or _mapper_for(options, reader.metadata)
-        if not isinstance(message.sample, ClockSample):
-            mapper.add(message.sample)
-        progress(message)
-    mapper = mapper or _mapper_for(options, reader.metadata)
-    mapper.finish()
+    with ExitStack() as resources:
+        for message in reader:
+            mapper = mapper or _mapper_for(options, reader.metadata, resources)
+            if not isinstance(message.sample, ClockSample):
+                mapper.add(message.sample)
+            progress(message)
+        mapper = mapper or _mapper_for(options, reader.metadata, resources)
+        mapper.finish()
     report = reader.report
     attributes = _attributes(mapper, report)
     return MapResult(
@@ -101,7 +118,9 @@ def recorded_settings(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, An
     return settings
 
 
-def _mapper_for(options: MapOptions, metadata: Mapping[str, Mapping[str, str]]) -> Mapper:
+def _mapper_for(
+    options: MapOptions, metadata: Mapping[str, Mapping[str, str]], resources: ExitStack
+) -> Mapper:
     """Return a mapper with the user's wishes over the recording's over the defaults."""
     recorded = recorded_settings(metadata)
     noise = _noise_for(options, recorded, depth_device(metadata))
@@ -116,10 +135,31 @@ def _mapper_for(options: MapOptions, metadata: Mapping[str, Mapping[str, str]]) 
             options.settings.mount_sigma_rad,
         ),
     )
-    if isinstance(noise, Calibration):
-        # Measured in a box of distances: outside it the default model stands in.
-        return Mapper(settings, noise.model, KINECT_V1 if noise.measured else None)
-    return Mapper(settings, noise or KINECT_V1)
+    model = noise.model if isinstance(noise, Calibration) else noise or KINECT_V1
+    if options.method == "paper2019":
+        return PaperMapper(settings, model)
+    # Measured in a box of distances: outside it the default model stands in.
+    fallback = KINECT_V1 if isinstance(noise, Calibration) and noise.measured else None
+    return Mapper(settings, model, _world_grid(options, settings, model, resources), fallback)
+
+
+def _world_grid(
+    options: MapOptions, settings: MapSettings, noise: DepthNoiseModel, resources: ExitStack
+) -> WorldGrid | None:
+    """Return a window over the world that the user gave, which `resources` will close."""
+    if options.world is None:
+        return None
+    if settings.grid != "scrolling":
+        raise MappingError(
+            f"grid is {settings.grid!r}; a world is mapped through a scrolling window"
+        )
+    if options.continue_world:
+        store = resources.enter_context(TileStore.reopen(options.world))
+        check_same_cells(store, settings)
+    else:
+        about = about_world(settings, noise)
+        store = resources.enter_context(TileStore.create(options.world, about))
+    return WorldGrid(settings, store)
 
 
 def depth_device(metadata: Mapping[str, Mapping[str, str]]) -> DeviceIdentity:
@@ -165,7 +205,7 @@ def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:
         raise MappingError(f"the recording's map section is {section!r}; expected known settings")
     recorded = {name: value for name, value in section.items() if name not in options.given}
     for name, value in recorded.items():
-        if isinstance(value, bool) or isinstance(value, str) != (name == "grid"):
+        if isinstance(value, bool) or type(value) not in _RECORDED_KINDS.get(name, (int, float)):
             raise MappingError(f"the recording's map section has {name} = {value!r}")
     return replace(options.settings, **recorded)
 
@@ -185,7 +225,8 @@ def _first(*candidates: object) -> float:
 def _attributes(mapper: Mapper, report: ReadReport) -> dict[str, str | int | float]:
     """Return how the map was made, for the map file."""
     attributes: dict[str, str | int | float] = {
-        f"setting_{name}": value for name, value in asdict(mapper.settings).items()
+        f"setting_{name}": json.dumps(value) if isinstance(value, tuple) else value
+        for name, value in asdict(mapper.settings).items()
     }
     attributes |= {f"noise_{name}": value for name, value in asdict(mapper.noise).items()}
     attributes |= {f"input_{name}": value for name, value in asdict(mapper.counts).items()}

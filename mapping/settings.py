@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -31,6 +32,8 @@ _NOT_NEGATIVE = (
     "relief_frames",
     "mount_sigma_m",
     "mount_sigma_rad",
+    "seen_through_frames",
+    "overhang_clearance_m",
 )
 _ORDERED = (
     ("range_min_m", "range_max_m"),
@@ -64,6 +67,12 @@ class MapSettings:
         uncertain_sigma_m: a cell known no better than this is "uncertain"; the default keeps the
             3-sigma bounds of "measured" cells within +-4.5 cm, below a small rover's clearance.
         pose_gap_max_s: poses are not interpolated across a longer gap; such frames are left out.
+        seen_through_frames: frames whose rays pass through a cell after which it is forgotten;
+            0 = never, see `mapping.change.visibility`.
+        overhang_clearance_m: readings higher than this above their cell's lowest surface are
+            dropped; 0 = never, see `mapping.change.overhang`.
+        body_boxes_m: boxes around the rover's own parts, in the rover frame, each as (x_min,
+            y_min, z_min, x_max, y_max, z_max); readings inside are dropped.
     """
 
     resolution_m: float = 0.04
@@ -85,6 +94,9 @@ class MapSettings:
     confirmed_pixels: int = 4
     uncertain_sigma_m: float = 0.015
     pose_gap_max_s: float = 0.2
+    seen_through_frames: int = 5
+    overhang_clearance_m: float = 0.0
+    body_boxes_m: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse values that no map can be made with."""
@@ -102,5 +114,30 @@ class MapSettings:
                 )
         if self.grid not in get_args(GridKind):
             raise MappingError(f"grid is {self.grid!r}; expected growing or scrolling")
-        if self.confirmations > 255:
-            raise MappingError(f"confirmations is {self.confirmations}; expected at most 255")
+        for name in ("confirmations", "seen_through_frames"):
+            if getattr(self, name) > 255:
+                raise MappingError(f"{name} is {getattr(self, name)}; expected at most 255")
+        object.__setattr__(self, "body_boxes_m", _boxes(self.body_boxes_m))
+
+
+def _boxes(boxes_m: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
+    """Return boxes as tuples.
+
+    Raises:
+        MappingError: one is no box.
+    """
+    for box in boxes_m:
+        if not _is_box(box):
+            raise MappingError(
+                f"body_boxes_m has {box!r}; expected x_min, y_min, z_min, x_max, y_max, z_max in "
+                "metres, each minimum below its maximum"
+            )
+    return tuple(tuple(map(float, box)) for box in boxes_m)
+
+
+def _is_box(box: object) -> bool:
+    if not isinstance(box, list | tuple) or len(box) != 6:
+        return False
+    if not all(isinstance(value, int | float) and math.isfinite(value) for value in box):
+        return False
+    return all(low < high for low, high in zip(box[:3], box[3:], strict=True))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from simulation.errors import SimulationError
 
-Device = Literal["vibration", "gyro", "wheels", "mocap"]
+Device = Literal["vibration", "gyro", "wheels", "mocap", "depth"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,7 +143,27 @@ class Shock(Span):
             _check("Shock: velocity_change_m_s", change, -2.0, 2.0)
 
 
-Fault = Dropout | Unplug | Slip | SpinningWheels | AccelerometerBias | Shock
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlindPatches(Span):
+    """Square patches of the depth image give no readings: dust on its way, or glare on the lens.
+
+    Attributes:
+        patches: how many.
+        size: edge of a patch over the height of the image.
+        moving: elsewhere in every frame, as dust is; otherwise always at the same places.
+    """
+
+    patches: int = 5
+    size: float = 0.2
+    moving: bool = True
+
+    def __post_init__(self) -> None:
+        super(BlindPatches, self).__post_init__()
+        _check("BlindPatches: patches", self.patches, 1, 1000)
+        _check("BlindPatches: size", self.size, 0.01, 1.0)
+
+
+Fault = Dropout | Unplug | Slip | SpinningWheels | AccelerometerBias | Shock | BlindPatches
 
 
 def _check(setting: str, value: float, low: float, high: float) -> None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from drivers.errors import DriverError
-from drivers.samples import DepthFrame
+from drivers.errors import DriverError, EndOfSource
+from drivers.samples import DepthFrame, PoseSample, Sample, frozen_array
+from drivers.source import SourceInfo
 from simulation.devices.camera_mount import BODY_FROM_OPTICAL
 from simulation.devices.ideal_camera import noisy_depth_mm, trace
 from simulation.devices.kinect import kinect_320
-from simulation.drive_source import FRAME_PERIOD_NS, DriveSource
 from simulation.motion import START_NS
 from simulation.terrain.analytic import AnalyticTerrain, crater_field
 from simulation.truth import SeenCells, Truth
@@ -22,9 +24,11 @@ _CAMERA_HEIGHT_M = 0.40
 _CAMERA_PITCH_RAD = float(np.radians(25.0))
 _SPEED_M_S = 0.3
 _Z_MAX_M = 4.5
+_FRAME_PERIOD_NS = 100_000_000
+_POSES_PER_FRAME = 5
 
 
-class IdealDrive(DriveSource):
+class IdealDrive:
     """Source of exact poses (50 Hz) and noisy depth (10 Hz) on a winding drive.
 
     The tracked body is the camera itself. The camera rides 0.40 m above the ground, 25 degrees
@@ -44,17 +48,54 @@ class IdealDrive(DriveSource):
             raise DriverError(f"a drive of {duration_s} s; expected 0.2 to 3600 s")
         if seed < 0:
             raise DriverError(f"seed {seed}; expected 0 or more")
-        frames = round(duration_s * 1e9 / FRAME_PERIOD_NS)
-        super().__init__(name, "simulated ideal camera", frames, {"seed": str(seed)})
+        self.name = name
+        self.frames = round(duration_s * 1e9 / _FRAME_PERIOD_NS)
         self.camera = kinect_320()
         self.terrain: AnalyticTerrain = crater_field(seed, duration_s * _SPEED_M_S + 3.5, 4.0)
         self._seed = seed
         self._hits: dict[int, Float64Array] = {}
+        self._next: int | None = None
+        self._given = 0
+
+    def open(self) -> SourceInfo:
+        """Start at the beginning of the drive."""
+        self._next = self._given = 0
+        return SourceInfo(
+            name=self.name,
+            model="simulated ideal camera",
+            serial="",
+            produces=(PoseSample, DepthFrame),
+            time_base="recorded",
+            details={"seed": str(self._seed), "frames": str(self.frames)},
+            nominal_rate_hz={PoseSample: 50.0, DepthFrame: 10.0},
+        )
+
+    def read(self, timeout_s: float) -> Sequence[Sample]:  # noqa: ARG002 - never waits
+        """Return the poses up to the next depth frame, and that frame.
+
+        Raises:
+            DriverError: not open.
+            EndOfSource: the drive is over.
+        """
+        if self._next is None:
+            raise DriverError(f"{self.name}: read before open")
+        if self._next >= self.frames:
+            raise EndOfSource(f"{self.name}: end of the drive")
+        index = self._next
+        first = index * _POSES_PER_FRAME - (_POSES_PER_FRAME - 1 if index else 0)
+        poses = [self._pose(i) for i in range(first, index * _POSES_PER_FRAME + 1)]
+        frame = self.depth_frame(index, index * _FRAME_PERIOD_NS)
+        self._next = self._given = index + 1
+        return [*poses, frame]
+
+    def close(self) -> None:
+        """Forget where the drive was; harmless when closed."""
+        self._next = None
 
     def truth(self, cell_size_m: float, range_min_m: float, range_max_m: float) -> Truth:
         """Return the terrain on cells of that size around everything that was seen so far."""
         seen = SeenCells(cell_size_m)
-        for index in range(self.frames_given):
+        for index in range(self._given):
             hits = self._hits[index]
             seen.add(hits[(hits[:, 2] >= range_min_m) & (hits[:, 2] <= range_max_m)])
         return seen.truth(self.terrain.height_m)
@@ -80,6 +121,18 @@ class IdealDrive(DriveSource):
         depth_mm = noisy_depth_mm(z_m, incidence, random)
         depth_mm.flags.writeable = False
         return DepthFrame(START_NS + t_ns, depth_mm, self.camera, index)
+
+    def _pose(self, index: int) -> PoseSample:
+        t_ns = index * _FRAME_PERIOD_NS // _POSES_PER_FRAME
+        position, rotation = self.body_pose(t_ns)
+        quat = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
+        return PoseSample(
+            START_NS + t_ns,
+            frozen_array(position, (3,)),
+            frozen_array(quat, (4,)),
+            frozen_array(np.zeros((6, 6)), (6, 6)),
+            index,
+        )
 
     def _points(
         self, z_m: Float64Array, position: Float64Array, rotation: Float64Array

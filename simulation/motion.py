@@ -13,6 +13,8 @@ Int64Array = NDArray[np.int64]
 STEP_NS = 1_000_000
 # 2026-01-01 00:00 UTC: simulated stamps look like recorded ones, and never depend on the clock.
 START_NS = 1_767_225_600_000_000_000
+_STUCK_STEPS = 5000
+_STUCK_WAY_M, _STUCK_M = 0.5, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,21 @@ class Motion:
     def duration_ns(self) -> int:
         """Return the time from the first row to the last."""
         return (len(self.position_m) - 1) * STEP_NS
+
+    @property
+    def stuck_s(self) -> float:
+        """Return how long the vehicle stood although it should drive, seconds.
+
+        Counts the moments at whose end 0.5 m or more were commanded in 5 s, ahead or back, and
+        the vehicle came less than 0.1 m far.
+        """
+        if len(self.position_m) <= _STUCK_STEPS:
+            return 0.0
+        commanded_m = np.cumsum(np.abs(self.command[:, 0])) * (STEP_NS * 1e-9)
+        way_m = commanded_m[_STUCK_STEPS:] - commanded_m[:-_STUCK_STEPS]
+        moved = self.position_m[_STUCK_STEPS:] - self.position_m[:-_STUCK_STEPS]
+        stuck = (way_m >= _STUCK_WAY_M) & (np.linalg.norm(moved, axis=1) < _STUCK_M)
+        return float(np.count_nonzero(stuck)) * STEP_NS * 1e-9
 
     def elapsed_s(self, t_ns: Int64Array) -> Float64Array:
         """Return times after the start, seconds."""

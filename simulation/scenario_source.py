@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,10 +23,13 @@ from drivers.samples import (
     frozen_array,
 )
 from drivers.source import SourceInfo
+from simulation.devices.depth_faults import with_patches
 from simulation.errors import SimulationError
+from simulation.faults import arriving
 from simulation.motion import STEP_NS, Motion
 from simulation.scenarios import Scenario
 from simulation.truth import SeenCells, Truth
+from simulation.truth_file import motion_signals, write_truth_file
 from simulation.vehicle.vehicle_run import VehicleRun, simulate_vehicle
 
 # The map's own default, so that truth and map share their cells.
@@ -33,6 +37,7 @@ TRUTH_CELL_M = 0.04
 _DEPTH_PERIOD_NS = 100_000_000
 _POSE_PERIOD_NS = 10_000_000
 _BATCH = 256
+_DEPTH_FAULTS = 1_000_000  # beyond the numbers of frames, which seed their own noise
 _KINDS = (
     PoseSample,
     DepthFrame,
@@ -104,13 +109,17 @@ class ScenarioSource:
             serial="",
             produces=_KINDS,
             time_base="recorded",
-            details={
-                "scenario": wanted.name,
-                "seed": str(wanted.seed),
-                "seconds": f"{wanted.seconds:g}",
-                "poses": wanted.poses,
-            },
+            details=self._details(),
         )
+
+    def _details(self) -> dict[str, str]:
+        wanted = self.scenario
+        return {
+            "scenario": wanted.name,
+            "seed": str(wanted.seed),
+            "seconds": f"{wanted.seconds:g}",
+            "poses": wanted.poses,
+        }
 
     def read(self, timeout_s: float) -> Sequence[Sample]:  # noqa: ARG002 - never waits
         """Return the next samples.
@@ -138,6 +147,16 @@ class ScenarioSource:
         """
         return self._seen.truth(self.scenario.ground.height_at)
 
+    def write_truth(self, path: Path) -> None:
+        """Write what is true of the run; see `simulation.truth_file.write_truth_file`.
+
+        Raises:
+            SimulationError: it was never opened, nothing was seen, or the file cannot be written.
+        """
+        known = motion_signals(self.motion)
+        facts: dict[str, str | float] = {**self._details(), "stuck_s": self.motion.stuck_s}
+        write_truth_file(path, self.truth(), self.scenario.ground, known, facts)
+
     def _merged(self, run: VehicleRun) -> Iterator[Sample]:
         """Return all samples by their stamps; of equal ones the pose comes first."""
         exact = self.scenario.poses == "true"
@@ -147,16 +166,22 @@ class ScenarioSource:
         return heapq.merge(*streams, key=lambda sample: sample.t_ns)
 
     def _depth(self, motion: Motion) -> Iterator[Sample]:
-        """Yield the camera's frames, and remember what they could show."""
-        camera, mount = self.scenario.camera, self.scenario.mount
+        """Yield the camera's frames that get through, and remember what they could show."""
+        camera, mount, seed = self.scenario.camera, self.scenario.mount, self.scenario.seed
+        faults = self.scenario.options.faults
+        elapsed_ns = np.arange(0, motion.duration_ns, _DEPTH_PERIOD_NS)
+        elapsed_s = np.asarray(elapsed_ns * 1e-9, np.float64)
+        chance = np.random.default_rng([seed, _DEPTH_FAULTS])
+        arrived = arriving(faults, "depth", elapsed_s, chance)
         everywhere = np.ones((camera.camera.height_px, camera.camera.width_px), np.bool_)
-        for index, elapsed_ns in enumerate(range(0, motion.duration_ns, _DEPTH_PERIOD_NS)):
-            row = elapsed_ns // STEP_NS
+        for index in np.flatnonzero(arrived).tolist():
+            row = int(elapsed_ns[index]) // STEP_NS
             body = Rotation.from_quat(motion.quat_wxyz[row], scalar_first=True).as_matrix()
             pose = mount.camera_pose(motion.position_m[row], body)
             view = camera.look(*pose)
             self._seen.add(camera.visible_points(view, *pose, everywhere))
-            yield camera.frame(view, index, motion.start_ns + elapsed_ns)
+            frame = camera.frame(view, index, motion.start_ns + int(elapsed_ns[index]))
+            yield with_patches(frame, faults, float(elapsed_s[index]), seed)
 
 
 def _true_poses(motion: Motion) -> Iterator[Sample]:

@@ -15,6 +15,7 @@ from simulation.terrain.ground_layout import Extent
 from simulation.terrain.height_grid import HeightGrid
 from simulation.terrain.lunar_terrain import lunar_terrain
 from simulation.terrain.man_made import indoor_hall, outdoor_field
+from simulation.vehicle.backing_off import BackingOff
 from simulation.vehicle.drive_commands import DriveCommands, Waypoints
 from simulation.vehicle.routes import Point, around_rocks, circle, there_and_back
 from simulation.vehicle.vehicle_run import LONGEST_S, DriveOptions
@@ -98,7 +99,7 @@ def make_scenario(name: str, seed: int, seconds: float, poses: Poses | None = No
         raise SimulationError(f"poses {poses!r}; expected one of {', '.join(get_args(Poses))}")
     world = SCENARIOS[name](seed, seconds)
     camera = DepthCamera(world.ground, kinect_320(), world.model, seed, world.sun)
-    commands = Waypoints(world.points_m, _SPEED_M_S, _REACHED_M)
+    commands = BackingOff(Waypoints(world.points_m, _SPEED_M_S, _REACHED_M))
     return Scenario(
         name, seed, seconds, commands, world.options, camera, on_rover(), poses or world.poses
     )

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import xarray as xr
@@ -93,18 +94,23 @@ def motion_signals(motion: Motion) -> dict[str, Signal]:
 
 
 def write_truth_file(
-    path: Path, truth: Truth, ground: HeightGrid, signals: Mapping[str, Signal]
+    path: Path,
+    truth: Truth,
+    ground: HeightGrid,
+    signals: Mapping[str, Signal],
+    facts: Mapping[str, str | float] = MappingProxyType({}),
 ) -> None:
     """Write a file that appears complete or not at all; equal truths give equal bytes.
 
     Variables: height and visible (y, x) on cells, as an evaluation reads them; ground_height
     (ground_y, ground_x), the nodes of the triangulated ground; and each signal under its name
-    over NAME_time, (N,) or (N, NAME_component).
+    over NAME_time, (N,) or (N, NAME_component). The facts about the run become attributes.
 
     Raises:
         SimulationError: a signal has the name of something else, or the file cannot be written.
     """
     dataset = _dataset(truth, ground)
+    dataset.attrs |= {f"run_{name}": fact for name, fact in facts.items()}
     for name, signal in signals.items():
         dims = (f"{name}_time", f"{name}_component")[: signal.values.ndim]
         if taken := {name, *dims} & {*dataset.variables, *dataset.dims}:

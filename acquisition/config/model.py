@@ -22,6 +22,7 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
 _Path = Annotated[Path, Field(strict=False)]
 _Count = Annotated[int, Field(ge=1)]
+_Box = Annotated[tuple[_Finite, _Finite, _Finite, _Finite, _Finite, _Finite], Field(strict=False)]
 
 
 class _Strict(BaseModel):
@@ -112,6 +113,9 @@ class MapSection(_Strict):
     confirmed_pixels: _Count = 4
     uncertain_sigma_m: _Positive = 0.015
     pose_gap_max_s: _Positive = 0.2
+    seen_through_frames: Annotated[int, Field(ge=0, le=255)] = 5
+    overhang_clearance_m: _NotNegative = 0.0
+    body_boxes_m: Annotated[tuple[_Box, ...], Field(strict=False)] = ()
 
 
 class CalibrationSection(_Strict):

@@ -74,7 +74,7 @@ class ParentLink:
         struct.pack_into("=Q", self._memory, 0, self._beats)
 
     def free_slot(self, *, wait: bool) -> int | None:
-        """Return a free slot; without one return None at once, or wait for it until the stop."""
+        """Return the number of a free slot; without one None at once, or wait until the stop."""
         while not self.stopping.is_set():
             self.beat()
             with contextlib.suppress(queue.Empty):

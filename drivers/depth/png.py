@@ -86,7 +86,7 @@ class MillimetreTable:
         self._depth_mm = np.rint(np.minimum(exact_mm, _UINT16_MAX)).astype(np.uint16)
 
     def convert(self, counts: NDArray[np.uint16], path: Path) -> NDArray[np.uint16]:
-        """Return read-only millimetres of the same shape; 0 stays 0, which is no return.
+        """Return read-only millimetres (mm) of the same shape; 0 stays 0, which is no return.
 
         Raises:
             DriverError: a depth that 16 bits of millimetres cannot hold.

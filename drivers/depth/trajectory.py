@@ -212,7 +212,7 @@ def interpolate(
 
     Args:
         trajectory: N poses.
-        t_ns: (M,) times.
+        t_ns: (M,) times, ns.
         max_gap_s: the longest time between two poses that is bridged.
 
     Returns:

@@ -12,7 +12,7 @@ RATE_TOLERANCE = 0.10
 
 
 def possible_rate_hz(chip: GyroChip, wanted_hz: float) -> float:
-    """Return the chip's rate that is nearest to the wanted one.
+    """Return the chip's rate, Hz, that is nearest to the wanted one.
 
     Raises:
         DriverError: it is off by more than RATE_TOLERANCE.

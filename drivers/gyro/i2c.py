@@ -49,6 +49,7 @@ class _LinuxI2cBus:
         self._message = message
 
     def transfer(self, address: int, write: bytes, read_length: int) -> bytes:
+        """Write, then read behind a repeated start, in one I2C_RDWR of the kernel."""
         message = self._message.write(address, write)
         if not read_length:
             self._bus.i2c_rdwr(message)
@@ -58,6 +59,7 @@ class _LinuxI2cBus:
         return bytes(answer)
 
     def close(self) -> None:
+        """Close the device file."""
         self._bus.close()
 
 

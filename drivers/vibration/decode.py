@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from struct import Struct
+from typing import Any, NamedTuple
 
 from drivers.errors import DriverError
 from drivers.samples import AccelerationSample, Sample, VibrationSample, frozen_array
@@ -36,6 +37,12 @@ class FrameDecoder:
         self._fields = [_FieldReader(field) for field in profile.field]
         parts = profile.clock.part if profile.clock else ()
         self._clock = [(part.struct, part.offset, part.ticks) for part in parts]
+        self._limits = [limit for reader in self._fields for limit in reader.limits()]
+        self._limits += [
+            _Limit(part.struct, part.offset, 1.0, 0.0, 0.0, part.max, None)
+            for part in parts
+            if part.max is not None
+        ]
 
     def decode(self, frame: bytes) -> FrameValues:
         """Return the values in a frame.
@@ -47,13 +54,19 @@ class FrameDecoder:
         return FrameValues({f.name: f.values(frame) for f in self._fields}, self._ticks(frame))
 
     def plausible(self, frame: bytes) -> bool:
-        """Tell whether every value lies within its min..max or is the invalid code.
+        """Tell whether every value, and every part of the clock, lies within its limits.
+
+        The invalid code does, too.
 
         Raises:
             DriverError: the frame is shorter than the profile says.
         """
         self._require_length(frame)
-        return all(field.possible(frame) for field in self._fields)
+        for reader, offset, scale, bias, low, high, invalid in self._limits:
+            raw = reader.unpack_from(frame, offset)[0]
+            if not low <= raw * scale + bias <= high and raw != invalid:
+                return False
+        return True
 
     def samples(self, values: FrameValues, t_ns: int, sequence: int) -> list[Sample]:
         """Return the samples of one frame, in the sensor's axes: vibration, then specific force."""
@@ -100,6 +113,18 @@ class FrameDecoder:
             )
 
 
+class _Limit(NamedTuple):
+    """Where a number lies in the frame, and between what its value must lie."""
+
+    struct: Struct
+    offset: int
+    scale: float
+    bias: float
+    low: float
+    high: float
+    invalid: int | None
+
+
 class _FieldReader:
     """One field, with everything computed that can be computed once."""
 
@@ -113,17 +138,22 @@ class _FieldReader:
         self._high = math.inf if field.max is None else field.max + slack
 
     def values(self, frame: bytes) -> Vector:
-        return tuple(value if ok else math.nan for value, ok, _ in self._read(frame))
-
-    def possible(self, frame: bytes) -> bool:
-        return all(ok or invalid for _, ok, invalid in self._read(frame))
-
-    def _read(self, frame: bytes) -> list[tuple[float, bool, bool]]:
-        """Return (value, is usable, is the invalid code) of each offset."""
+        """Return the value at each offset; NaN where it is not usable."""
         field, found = self._field, []
         for offset in field.offsets:
             raw: Any = self._struct.unpack_from(frame, offset)[0]
             value = raw * field.scale + field.bias
-            invalid = raw == field.invalid
-            found.append((value, not invalid and self._low <= value <= self._high, invalid))
-        return found
+            usable = raw != field.invalid and self._low <= value <= self._high
+            found.append(value if usable else math.nan)
+        return tuple(found)
+
+    def limits(self) -> list[_Limit]:
+        """Return the limits that can tell a frame from other bytes, one for each offset."""
+        field = self._field
+        # Every integer is possible where there are no limits; a float may be NaN or infinite.
+        if (self._low, self._high) == (-math.inf, math.inf) and field.type != "float32":
+            return []
+        return [
+            _Limit(self._struct, at, field.scale, field.bias, self._low, self._high, field.invalid)
+            for at in field.offsets
+        ]

@@ -71,6 +71,11 @@ class Poller:
         """The counters so far."""
         return PollCounters(**self._counts)
 
+    @property
+    def overdue(self) -> bool:
+        """Whether a request is under way whose reply should have been whole by now."""
+        return self._reply_until_ns is not None and self._clock_ns() >= self._reply_until_ns
+
     def ask(self, wire: Wire, deadline_ns: int) -> float:
         """Send the request when it is due, and return how long to listen for its reply, s.
 
@@ -99,7 +104,7 @@ class Poller:
         other = refusal(self._poll.request, self._heard) if self._poll.modbus else None
         if other is not None:
             self._fail("exceptions" if other.kind == "exception" else "wrong_slave", other.text)
-        elif self._clock_ns() >= self._reply_until_ns:
+        elif self.overdue:
             if self._heard:
                 self._fail("damaged", f"{len(self._heard)} bytes without a frame came")
             else:

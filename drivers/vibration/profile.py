@@ -1,7 +1,7 @@
 """Profile files of vibration sensors: find, read, check.
 
 A profile is data: serial settings, frame layout, meaning of the fields. Shipped profiles lie in
-`drivers/profiles/`; any other is a path to a TOML file.
+`drivers/vibration/profiles/`; any other is a path to a TOML file.
 """
 
 from __future__ import annotations

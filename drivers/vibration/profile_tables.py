@@ -169,8 +169,8 @@ class ValueField(Number):
     """`[[field]]`: one offset for a scalar, three for the x, y and z channel.
 
     value = raw * scale + bias, in `unit`. A value outside min..max, or equal to the raw code
-    `invalid`, becomes NaN; without a checksum, a value outside min..max also proves that the
-    bytes are not a frame.
+    `invalid`, becomes NaN. A value outside min..max also speaks against the bytes being a frame:
+    without a checksum it is then none, with one only if the next frame follows at once.
     """
 
     name: Name
@@ -184,11 +184,15 @@ class ValueField(Number):
 
 
 class ClockPart(Number):
-    """`[[clock.part]]`: a number in the frame that counts for `ticks` ticks each."""
+    """`[[clock.part]]`: a number in the frame that counts for `ticks` ticks each.
+
+    A number above `max` speaks against the bytes being a frame.
+    """
 
     type: IntegerType
     offset: Annotated[int, Field(ge=0)]
     ticks: Annotated[int, Field(gt=0)]
+    max: Annotated[int, Field(gt=0)] | None = None
 
 
 class Clock(Table):

@@ -1,6 +1,6 @@
 """Triaxial vibration sensors on a serial port: AFT601D and kin, described by profile files.
 
-The frame layout is not in this code but in `drivers/profiles/*.toml`; see
+The frame layout is not in this code but in `drivers/vibration/profiles/*.toml`; see
 `drivers.vibration.profile_tables` for what a profile may say and docs/devices/vibration.md for
 how to choose one, adapt it and check it.
 """

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from drivers.errors import DriverError
 from drivers.samples import Sample
 from drivers.vibration.decode import FrameDecoder
-from drivers.vibration.frames import FrameCounters, FrameParser
+from drivers.vibration.frames import Frame, FrameCounters, FrameParser
 from drivers.vibration.poll import PollCounters, Poller
 from drivers.vibration.profile_tables import Step, VibrationProfile
 from drivers.vibration.serial_link import SerialLink
@@ -106,18 +106,24 @@ class VibrationSession:
             else:
                 wait_s = max(0, deadline_ns - self._clock_ns()) / 1e9
             data = self._link.read(wait_s)
-            samples = self._samples(data, self._clock_ns())
+            samples = self._samples(self._frames(data, self._clock_ns()))
             if self._poller is not None:
                 self._poller.hear(data, answered=bool(samples))
             if samples or self._clock_ns() >= deadline_ns:
                 return samples
 
-    def _samples(self, data: bytes, t_ns: int) -> list[Sample]:
-        """Return the samples of the frames that end in `data`, which was read at `t_ns`."""
+    def _frames(self, data: bytes, t_ns: int) -> list[Frame]:
+        """Return the frames that are certain with `data`, which was read at `t_ns`."""
         if data:
             self._arrivals.note(len(data), t_ns)
+        frames = self._parser.feed(data)
+        if not frames and self._poller is not None and self._poller.overdue:
+            return self._parser.end_burst()
+        return frames
+
+    def _samples(self, frames: list[Frame]) -> list[Sample]:
         samples: list[Sample] = []
-        for frame in self._parser.feed(data):
+        for frame in frames:
             stamp_ns = self._arrivals.stamp(frame.end, len(frame.data))
             values = self._decoder.decode(frame.data)
             samples += self._decoder.samples(values, stamp_ns, self._sequence)

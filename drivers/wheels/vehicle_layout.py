@@ -69,7 +69,7 @@ class VehicleLayout(BaseModel):
 
     @property
     def effective_track_m(self) -> float:
-        """The track that makes the differential-drive equations right."""
+        """B_e of `skid_steer`, m: the track with which the differential-drive equations hold."""
         return self.track_m * self.effective_track_ratio
 
     @property

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+CellIndex = tuple[slice, slice] | tuple[NDArray[np.intp], ...]
 
 
 class CellLayers(NamedTuple):
@@ -21,6 +22,7 @@ class CellLayers(NamedTuple):
     ground is flat. candidate_*: the second hypothesis, the variance of its pixel noise, and how
     often it was confirmed. frames, pixels: accepted measurements and the pixels in them, which
     stop counting at 2^32 - 1. last_ns: stamp of the last one, meaningless while frames is 0.
+    seen_through: frames whose rays passed through the cell, less those with a reading in it.
 
     Heights are float64: far above the origin the small steps of late updates would vanish in
     float32, whose steps are 1 mm at 10 km.
@@ -39,6 +41,7 @@ class CellLayers(NamedTuple):
     frames: NDArray[np.uint32]
     pixels: NDArray[np.uint32]
     last_ns: NDArray[np.int64]
+    seen_through: NDArray[np.uint8]
 
 
 def empty_layers(rows: int, columns: int) -> CellLayers:
@@ -58,7 +61,14 @@ def empty_layers(rows: int, columns: int) -> CellLayers:
         frames=np.zeros(shape, np.uint32),
         pixels=np.zeros(shape, np.uint32),
         last_ns=np.zeros(shape, np.int64),
+        seen_through=np.zeros(shape, np.uint8),
     )
+
+
+def copy_cells(source: CellLayers, there: CellIndex, target: CellLayers, here: CellIndex) -> None:
+    """Copy the cells at `there` in the source to `here` in the target, in all layers."""
+    for name, layer in source._asdict().items():
+        getattr(target, name)[here] = layer[there]
 
 
 BYTES_PER_CELL = sum(layer.itemsize for layer in empty_layers(0, 0))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.cells.cell_layers import CellLayers
-from mapping.cells.grid import Grid
+from mapping.cells.grid import Cells
 from mapping.cells.relief_kernels import surrounding_relief
 from mapping.errors import MappingError
 from mapping.settings import MapSettings
@@ -95,7 +95,7 @@ class ElevationMap:
 
 
 def read_out(
-    grid: Grid, settings: MapSettings, attributes: Mapping[str, str | int | float]
+    grid: Cells, settings: MapSettings, attributes: Mapping[str, str | int | float]
 ) -> ElevationMap:
     """Return the map that a grid holds, cut to the cells that were seen.
 
@@ -150,7 +150,7 @@ def read_out(
     )
 
 
-def _cut_to_seen(grid: Grid) -> tuple[CellLayers, int, int]:
+def _cut_to_seen(grid: Cells) -> tuple[CellLayers, int, int]:
     """Return copies of the layers inside the box of seen cells, and its first column and row."""
     layers = grid.unrolled()
     seen = layers.frames > 0

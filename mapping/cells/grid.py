@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from mapping.cells.cell_layers import BYTES_PER_CELL, CellLayers, empty_layers
+from mapping.cells.cell_layers import BYTES_PER_CELL, CellLayers, copy_cells, empty_layers
 from mapping.errors import MappingError
 from mapping.settings import MapSettings
 
@@ -52,20 +52,28 @@ class CellWindow:
         return CellWindow(first_x, first_y, end_x - first_x, end_y - first_y)
 
 
-def _megabytes(rows: int, columns: int) -> float:
+def megabytes(rows: int, columns: int) -> float:
+    """Return the memory that so many cells take."""
     return rows * columns * BYTES_PER_CELL / 1e6
 
 
-class Grid(Protocol):
+class Cells(Protocol):
+    """What a map is read out from."""
+
+    @property
+    def extent(self) -> CellWindow:
+        """The cells that are held now."""
+
+    def unrolled(self) -> CellLayers:
+        """Return copies of the layers with row 0 = smallest y and column 0 = smallest x."""
+
+
+class Grid(Cells, Protocol):
     """What the mapper needs of a grid."""
 
     @property
     def layers(self) -> CellLayers:
         """The arrays; they may be replaced by `prepare`."""
-
-    @property
-    def extent(self) -> CellWindow:
-        """The cells that the grid holds now."""
 
     def prepare(self, footprint: CellWindow, rover_x_m: float, rover_y_m: float) -> CellWindow:
         """Make room for a frame's footprint; return the part of it that the grid holds."""
@@ -73,8 +81,8 @@ class Grid(Protocol):
     def position(self, window: CellWindow) -> tuple[int, int]:
         """Return (row, column) in the arrays of the window's first cell."""
 
-    def unrolled(self) -> CellLayers:
-        """Return copies of the layers with row 0 = smallest y and column 0 = smallest x."""
+    def save(self) -> None:
+        """Bring all cells to disk, if the grid has a place there."""
 
 
 class GrowingGrid:
@@ -120,8 +128,11 @@ class GrowingGrid:
         """Return copies of the layers."""
         return CellLayers._make(layer.copy() for layer in self._layers)
 
+    def save(self) -> None:
+        """Do nothing: this grid lives in memory."""
+
     def _enlarge(self, extent: CellWindow) -> None:
-        need_mb = _megabytes(extent.cells_x, extent.cells_y)
+        need_mb = megabytes(extent.cells_x, extent.cells_y)
         if need_mb > self._limit_mb:
             size_x, size_y = extent.cells_x * self._cell_size_m, extent.cells_y * self._cell_size_m
             raise MappingError(
@@ -133,8 +144,7 @@ class GrowingGrid:
         old = self._extent
         row, column = old.first_y - extent.first_y, old.first_x - extent.first_x
         place = (slice(row, row + old.cells_y), slice(column, column + old.cells_x))
-        for name, old_layer in self._layers._asdict().items():
-            getattr(layers, name)[place] = old_layer
+        copy_cells(self._layers, (slice(None), slice(None)), layers, place)
         self._layers, self._extent = layers, extent
 
 
@@ -158,7 +168,7 @@ class ScrollingGrid:
         """
         self._cell_size_m = settings.resolution_m
         self._cells = round(settings.window_m / settings.resolution_m)
-        need_mb = _megabytes(self._cells, self._cells)
+        need_mb = megabytes(self._cells, self._cells)
         if need_mb > settings.memory_limit_mb:
             raise MappingError(
                 f"a window of {settings.window_m:g} m with cells of {settings.resolution_m:g} m "
@@ -187,10 +197,7 @@ class ScrollingGrid:
             self._cells,
             self._cells,
         )
-        if self._extent is not None:
-            self._clear(1, self._extent.first_x, extent.first_x)
-            self._clear(0, self._extent.first_y, extent.first_y)
-        self._extent = extent
+        self._move(extent)
         return footprint.intersection(extent)
 
     def position(self, window: CellWindow) -> tuple[int, int]:
@@ -202,6 +209,16 @@ class ScrollingGrid:
         row, column = self.position(self.extent)
         shift = (-row, -column)
         return CellLayers._make(np.roll(layer, shift, axis=(0, 1)) for layer in self._layers)
+
+    def save(self) -> None:
+        """Do nothing: this grid lives in memory."""
+
+    def _move(self, extent: CellWindow) -> None:
+        """Cover other cells; what enters is unknown."""
+        if self._extent is not None:
+            self._clear(1, self._extent.first_x, extent.first_x)
+            self._clear(0, self._extent.first_y, extent.first_y)
+        self._extent = extent
 
     def _clear(self, axis: int, old_first: int, new_first: int) -> None:
         """Forget the cells that enter along one axis (0 = y, 1 = x)."""

@@ -235,13 +235,25 @@ def _challenge(
 
 
 @njit(inline="always")
-def _agrees(layers: CellLayers, row: int, column: int, m: Measurement, f: FusionConstants) -> bool:
-    """Gate: squared innovation against the variance of both sides, all in m^2."""
+def _agrees(
+    layers: CellLayers,
+    row: int,
+    column: int,
+    m: Measurement,
+    cell_size_m: float,
+    f: FusionConstants,
+) -> bool:
+    """Gate: squared innovation against the variance of both sides, all in m^2.
+
+    A frame's relief counts as far as a slope can make it, (d/2)^2 at 60 degrees: more is the flank
+    of something tall, which must not pass for ground because it is tall.
+    """
     innovation = m.height_m - float(layers.elevation_m[row, column])
     variance = float(layers.variance_m2[row, column]) + m.own_m2 + m.common_m2
     systematic = _get_systematic(layers, row, column)
     variance += _dot(systematic, systematic) + _dot(m.systematic, m.systematic)
-    variance += max(m.relief_m2, float(layers.relief_m2[row, column]), 0.0)
+    slope_m2 = 0.25 * cell_size_m * cell_size_m
+    variance += max(min(m.relief_m2, slope_m2), float(layers.relief_m2[row, column]), 0.0)
     return innovation * innovation <= f.gate2 * variance
 
 
@@ -266,7 +278,7 @@ def fuse(
             cells += 1
             if layers.frames[row, column] == 0:
                 _begin(layers, row, column, m, c.t_ns, f)
-            elif _agrees(layers, row, column, m, f):
+            elif _agrees(layers, row, column, m, c.cell_size_m, f):
                 _update(layers, row, column, m, c.t_ns, f)
             else:
                 rejected += 1

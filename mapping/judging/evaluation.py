@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from mapping.judging.accuracy import (
     sigma_classes,
     table,
 )
+from mapping.judging.rover_view import RelativeCells
 
 CONFIRMED = (CellState.MEASURED, CellState.UNCERTAIN)
 # A step between neighbours that is higher than this share of a cell's edge (50 degrees) is an
@@ -28,44 +30,83 @@ CONFIRMED = (CellState.MEASURED, CellState.UNCERTAIN)
 EDGE_STEP_PER_CELL = 1.2
 # Upper ends of the classes of slope, in degrees; the last class has none.
 SLOPE_CLASSES_DEG = (5.0, 10.0, 20.0, 30.0)
+# Upper ends of the classes of range, in metres; the last class has none.
+RANGE_CLASSES_M = (1.0, 1.5, 2.0, 3.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Scores(Accuracy):
-    """The numbers of all counted cells, edges apart, and of parts of them.
+class Parts(Accuracy):
+    """The numbers of a set of cells away from edges, of parts of it, and of its edges.
 
     Attributes:
-        completeness: share of the visible cells of the truth that are counted or an edge.
-        by_slope, by_sigma: the same numbers by slope of the truth and by claimed sigma.
-        edges: counted cells whose truth steps to a neighbour.
-        unconfirmed: cells seen too seldom to be counted; they may hold flying pixels.
+        by_slope: the same numbers by slope of the truth.
+        by_range: by distance from where the rover was; empty where nobody knows.
+        edges: cells whose truth steps to a neighbour.
     """
 
-    completeness: float
     by_slope: Mapping[str, Accuracy]
-    by_sigma: Mapping[str, Accuracy]
+    by_range: Mapping[str, Accuracy]
     edges: Accuracy
-    unconfirmed: Accuracy
+
+    def overall(self) -> Accuracy:
+        """Return the numbers of the set alone."""
+        return Accuracy(*(getattr(self, name) for name in Accuracy.__dataclass_fields__))
 
     def as_json(self) -> Json:
         """Return all numbers by name; those that are not finite as None."""
         return {
-            **Accuracy.as_json(_overall(self)),
-            "completeness": finite_or_none(self.completeness),
-            "by_slope": {name: part.as_json() for name, part in self.by_slope.items()},
-            "by_sigma": {name: part.as_json() for name, part in self.by_sigma.items()},
+            **Accuracy.as_json(self.overall()),
+            "by_slope": _parts_as_json(self.by_slope),
+            "by_range": _parts_as_json(self.by_range),
             "edges": self.edges.as_json(),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Scores(Parts):
+    """The numbers of all counted cells, in the world and as the rover sees them.
+
+    Attributes:
+        completeness: share of the visible cells of the truth that are counted or an edge.
+        by_sigma: the same numbers by claimed sigma.
+        unconfirmed: cells seen too seldom to be counted; they may hold flying pixels.
+        relative: relative to the rover's true pose (`mapping.judging.rover_view`): "when_seen",
+            at the moment when each cell was last seen, and "at_end", when the last one was; empty
+            where the truth holds no poses.
+    """
+
+    completeness: float
+    by_sigma: Mapping[str, Accuracy]
+    unconfirmed: Accuracy
+    relative: Mapping[str, Parts]
+
+    def as_json(self) -> Json:
+        """Return all numbers by name; those that are not finite as None."""
+        return {
+            **Parts.as_json(self),
+            "completeness": finite_or_none(self.completeness),
+            "by_sigma": _parts_as_json(self.by_sigma),
             "unconfirmed": self.unconfirmed.as_json(),
+            "relative": _parts_as_json(self.relative),
         }
 
     def rows(self) -> dict[str, Accuracy]:
         """Return every set of cells under the name it has in a table."""
         return {
-            "all": _overall(self),
+            "all": self.overall(),
             **{f"slope {name}": part for name, part in self.by_slope.items()},
+            **{f"range {name}": part for name, part in self.by_range.items()},
             **{f"sigma {name}": part for name, part in self.by_sigma.items()},
             "edges": self.edges,
             "unconfirmed": self.unconfirmed,
+            **self.relative_rows(),
+        }
+
+    def relative_rows(self) -> dict[str, Accuracy]:
+        """Return the sets of cells relative to the rover under the names they have in a table."""
+        return {
+            f"rover {name.replace('_', ' ')}": part.overall()
+            for name, part in self.relative.items()
         }
 
     def lines(self) -> list[str]:
@@ -80,6 +121,8 @@ def evaluate(
     *,
     visible_outside: float = 0.0,
     states: tuple[CellState, ...] = CONFIRMED,
+    range_m: Float64Array | None = None,
+    relative: Mapping[str, RelativeCells] = MappingProxyType({}),
     edge_step_m: float | None = None,
 ) -> Scores:
     """Compare a map with the truth at its cells.
@@ -91,6 +134,8 @@ def evaluate(
         visible_outside: visible cells of the truth beyond the map's rectangle; they lower the
             completeness.
         states: states of the cells that count.
+        range_m: distances from where the rover was, shape of the map's layers, NaN = not known.
+        relative: cells relative to the rover, under the names that they get in the scores.
         edge_step_m: a cell whose truth differs by more from one of its four neighbours is an
             edge; 1.2 cell edges when left out.
 
@@ -99,32 +144,66 @@ def evaluate(
     """
     truth = _checked(map_, truth_m, visible)
     has_truth = np.isfinite(truth)
-    counted = np.isin(map_.state, states) & map_.known & has_truth
+    counted = counted_cells(map_, states) & has_truth
     step_m = EDGE_STEP_PER_CELL * map_.resolution_m if edge_step_m is None else edge_step_m
     edge = edge_cells(truth, step_m)
-    smooth = counted & ~edge
-    if not smooth.any():
+    if not (counted & ~edge).any():
         raise MappingError(
             "no confirmed cell of the map has a true height beside it; check that map and truth "
             "are in the same frame and overlap"
         )
     error = map_.elevation_m - truth
     sigma = map_.sigma_m.astype(np.float64)
-    slope_deg = np.degrees(slope_rad(truth, map_.resolution_m))
-
-    def of(cells: BoolArray) -> Accuracy:
-        return accuracy(error[cells], sigma[cells])
-
-    by_slope = classes(slope_deg, SLOPE_CLASSES_DEG, "deg")
+    slope = slope_rad(truth, map_.resolution_m)
+    smooth = counted & ~edge
+    unconfirmed = (map_.state == CellState.UNCONFIRMED) & has_truth
     visible_cells = has_truth if visible is None else visible & has_truth
+    ranges = None if range_m is None else range_m[counted]
+    here = _parts(error[counted], sigma[counted], slope[counted], ranges, edge[counted])
     return Scores(
-        **asdict(of(smooth)),
+        **{name: getattr(here, name) for name in Parts.__dataclass_fields__},
         completeness=_share(counted & visible_cells, visible_cells, visible_outside),
-        by_slope={name: of(smooth & cells) for name, cells in by_slope.items()},
-        by_sigma={name: of(smooth & cells) for name, cells in sigma_classes(sigma).items()},
-        edges=of(counted & edge),
-        unconfirmed=of((map_.state == CellState.UNCONFIRMED) & has_truth),
+        by_sigma=_accuracies(error[smooth], sigma[smooth], sigma_classes(sigma[smooth])),
+        unconfirmed=accuracy(error[unconfirmed], sigma[unconfirmed]),
+        relative={name: _parts(*cells) for name, cells in relative.items()},
     )
+
+
+def counted_cells(map_: ElevationMap, states: tuple[CellState, ...] = CONFIRMED) -> BoolArray:
+    """Return the cells with a height and one of these states."""
+    counted: BoolArray = np.isin(map_.state, states) & map_.known
+    return counted
+
+
+def _parts_as_json(parts: Mapping[str, Accuracy]) -> Json:
+    """Return parts by name, as JSON values."""
+    return {name: part.as_json() for name, part in parts.items()}
+
+
+def _parts(
+    error_m: Float64Array,
+    sigma_m: Float64Array,
+    slopes_rad: Float64Array,
+    range_m: Float64Array | None,
+    edge: BoolArray,
+) -> Parts:
+    """Return the numbers of cells, (N,) arrays; no range, no parts by range."""
+    smooth = ~edge
+    errors, sigmas = error_m[smooth], sigma_m[smooth]
+    by_slope = classes(np.degrees(slopes_rad[smooth]), SLOPE_CLASSES_DEG, "deg")
+    by_range = {} if range_m is None else classes(range_m[smooth], RANGE_CLASSES_M, "m")
+    return Parts(
+        **asdict(accuracy(errors, sigmas)),
+        by_slope=_accuracies(errors, sigmas, by_slope),
+        by_range=_accuracies(errors, sigmas, by_range),
+        edges=accuracy(error_m[edge], sigma_m[edge]),
+    )
+
+
+def _accuracies(
+    error_m: Float64Array, sigma_m: Float64Array, parts: Mapping[str, BoolArray]
+) -> dict[str, Accuracy]:
+    return {name: accuracy(error_m[cells], sigma_m[cells]) for name, cells in parts.items()}
 
 
 def edge_cells(truth_m: Float64Array, step_m: float) -> BoolArray:
@@ -172,8 +251,3 @@ def _checked(
 def _share(found: BoolArray, visible: BoolArray, outside: float) -> float:
     total = np.count_nonzero(visible) + outside
     return float(np.count_nonzero(found) / total) if total else float("nan")
-
-
-def _overall(scores: Scores) -> Accuracy:
-    """Return the numbers of all cells alone."""
-    return Accuracy(*(getattr(scores, name) for name in Accuracy.__dataclass_fields__))

@@ -8,11 +8,26 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
 
+from drivers.depth.trajectory import Trajectory
 from mapping.cells.elevation_map import CellState, ElevationMap
 from mapping.errors import MappingError
 from mapping.judging.accuracy import BoolArray, Float64Array
-from mapping.judging.evaluation import CONFIRMED, Scores, evaluate
+from mapping.judging.evaluation import (
+    CONFIRMED,
+    EDGE_STEP_PER_CELL,
+    Scores,
+    counted_cells,
+    evaluate,
+)
+from mapping.judging.rover_view import (
+    RelativeCells,
+    RoverTracks,
+    check_overlap,
+    relative_cells,
+    seen_from_m,
+)
 from mapping.output.netcdf import CONVENTIONS, FRAME, read_netcdf, software, write_netcdf
 
 # Positions nearer to a grid point than this share of a step are that point: rounding of floats.
@@ -27,12 +42,14 @@ class Truth:
         x_m, y_m: grid points, strictly increasing.
         height_m: (len(y_m), len(x_m)), NaN = not known.
         visible: points that the sensor could see in the run; None = not known.
+        poses: of the tracked body in the run; None = not known.
     """
 
     x_m: Float64Array
     y_m: Float64Array
     height_m: Float64Array
     visible: BoolArray | None = None
+    poses: Trajectory | None = None
 
     def __post_init__(self) -> None:
         """Refuse grids that do not fit together."""
@@ -74,17 +91,57 @@ class Truth:
 
 
 def evaluate_truth(
-    map_: ElevationMap, truth: Truth, states: tuple[CellState, ...] = CONFIRMED
+    map_: ElevationMap,
+    truth: Truth,
+    states: tuple[CellState, ...] = CONFIRMED,
+    believed: Trajectory | None = None,
 ) -> Scores:
-    """Compare a map with a truth on any grid; see `mapping.judging.evaluation.evaluate`."""
+    """Compare a map with a truth on any grid; see `mapping.judging.evaluation.evaluate`.
+
+    Args:
+        map_: the map.
+        truth: the truth; with poses, ranges and relative errors are judged too.
+        states: states of the cells that count.
+        believed: the poses that the map was made with; the true ones when left out.
+
+    Raises:
+        MappingError: as `evaluate`, or the truth has no poses to compare `believed` with, or
+            those are of another time than the map.
+    """
     here = truth.truth_at(map_)
+    if believed is not None:
+        if truth.poses is None:
+            raise MappingError(
+                f"the truth holds no poses to compare {believed.path} with; leave the trajectory "
+                "out, or give the truth of a simulated run"
+            )
+        check_overlap(map_, believed)
+    tracks = None if truth.poses is None else RoverTracks(truth.poses, believed or truth.poses)
     return evaluate(
         map_,
         here.height_m,
         here.visible,
         visible_outside=truth.visible_outside(map_),
         states=states,
+        range_m=None if tracks is None else seen_from_m(map_, tracks.believed),
+        relative={} if tracks is None else _relative(map_, truth, tracks, states),
     )
+
+
+def _relative(
+    map_: ElevationMap, truth: Truth, tracks: RoverTracks, states: tuple[CellState, ...]
+) -> dict[str, RelativeCells]:
+    """Return the cells relative to the rover when each was last seen, and at the end."""
+    end_ns = np.full_like(map_.last_seen_ns, map_.last_seen_ns.max())
+    moments = {"when_seen": map_.last_seen_ns, "at_end": end_ns}
+    heights = RegularGridInterpolator(
+        (truth.y_m, truth.x_m), truth.height_m, bounds_error=False, fill_value=np.nan
+    )
+    cells, step_m = counted_cells(map_, states), EDGE_STEP_PER_CELL * map_.resolution_m
+    return {
+        name: relative_cells(map_, cells, heights, tracks, t_ns, step_m)
+        for name, t_ns in moments.items()
+    }
 
 
 def write_truth(path: Path, truth: Truth) -> None:
@@ -132,12 +189,24 @@ def read_truth(path: Path) -> Truth:
         visible = None
         if "visible" in dataset:
             visible = dataset["visible"].transpose("y", "x").values != 0
-        return Truth(x, y, height, visible)
+        return Truth(x, y, height, visible, _poses(path, dataset))
     except (KeyError, ValueError, MappingError) as error:
         raise MappingError(
             f"{path} holds no truth ({str(error).splitlines()[0]}); "
             "expected x and y in metres and height (y, x) in metres"
         ) from error
+
+
+def _poses(path: Path, dataset: xr.Dataset) -> Trajectory | None:
+    """Return the poses of the tracked body, where the file has some."""
+    if not {"position", "quat_wxyz"} <= dataset.variables.keys():
+        return None
+    t_ns = dataset["position_time"].values.astype(np.int64)
+    position = dataset["position"].values.astype(np.float64)
+    quat = dataset["quat_wxyz"].values.astype(np.float64)
+    if position.shape != (t_ns.size, 3) or quat.shape != (t_ns.size, 4):
+        raise MappingError(f"poses of shape {position.shape} and {quat.shape} at {t_ns.size} times")
+    return Trajectory(path, t_ns, position, quat[:, [1, 2, 3, 0]])
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,25 +17,31 @@ from numpy.typing import NDArray
 from mapping.cells.elevation_map import ElevationMap
 from mapping.errors import MappingError
 from mapping.files import write_whole
+from mapping.judging.evaluation import Scores
 from mapping.output.figure_errors import consistency_figure, error_figure
 from mapping.output.figure_layers import layers_figure
 from mapping.output.figure_plan import height_figure, sigma_figure, state_figure
 from mapping.output.figure_profile import longest_section, profile_figure
+from mapping.output.figure_scores import scores_figure
 from mapping.output.figure_surface import surface_figure
 
 _DPI = 130
 
 
 def write_figures(
-    map_: ElevationMap, folder: Path, truth_m: NDArray[np.floating] | None = None
+    map_: ElevationMap,
+    folder: Path,
+    truth_m: NDArray[np.floating] | None = None,
+    scores: Scores | None = None,
 ) -> list[Path]:
     """Write all figures of a map as PNG files into a folder, which is made where it is missing.
 
     Args:
         map_: the map.
         folder: gets height.png, sigma.png, state.png, layers.png, profile.png, surface.png
-            and, with a truth, error.png and consistency.png.
+            and, with a truth, error.png and consistency.png; with scores, scores.png.
         truth_m: true heights at the cell centres, NaN = none.
+        scores: the map's.
 
     Raises:
         MappingError: no cell is confirmed, the truth has another shape or none of its heights
@@ -53,6 +59,9 @@ def write_figures(
     if truth_m is not None:
         figures["error"] = error_figure(map_, truth_m)
         figures["consistency"] = consistency_figure(map_, truth_m)
+    by_class = None if scores is None else scores_figure(scores)
+    if by_class is not None:
+        figures["scores"] = by_class
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

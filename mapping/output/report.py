@@ -31,6 +31,7 @@ _CAPTIONS = {
     "profile": "A vertical cut: the true terrain should stay inside the band.",
     "surface": "The map between its bounds of 3 standard deviations.",
     "error": "Map minus truth: what is left should look like noise, not like terrain.",
+    "scores": "Steep ground and far ground are known less well, and the map should know it.",
     "consistency": "Errors in units of their own sigma: an honest map follows the curve.",
 }
 # Endings of names, the longer ones before those that they end in.
@@ -140,7 +141,9 @@ def _score_groups(scores: Scores) -> dict[str, dict[str, Accuracy]]:
     groups = {
         "All confirmed cells away from edges": {"all": rows["all"]},
         "By slope of the true terrain": scores.by_slope,
+        "By range: horizontal distance from the rover when last seen": scores.by_range,
         "By claimed sigma": scores.by_sigma,
+        "Relative to the rover's true pose, within 3 m of it": scores.relative_rows(),
         "Apart": {"edges": scores.edges, "unconfirmed": scores.unconfirmed},
     }
     return {

@@ -36,6 +36,7 @@ class Accelerometer:
         noise_density_m_s2: white noise, m/s^2/rtHz.
         bias_sigma_m_s2: standard deviation of each axis' constant bias, drawn once a run.
         quantum_m_s2: of the digital value; 16 g / 32768.
+        bits: width of that value, two's complement; it saturates.
         hum: per tone, turns per turn of the wheel and amplitude in m/s^2 per m/s of the rim.
     """
 
@@ -47,6 +48,7 @@ class Accelerometer:
     noise_density_m_s2: float = 0.002
     bias_sigma_m_s2: float = 0.02
     quantum_m_s2: float = 16.0 * 9.80665 / 32768.0
+    bits: int = 16
     hum: tuple[tuple[float, float], ...] = ((24.0, 0.2), (72.0, 0.2))
 
 
@@ -78,8 +80,10 @@ def accelerometer_signal(
         if isinstance(fault, AccelerometerBias):
             inside = (elapsed_s >= fault.start_s) & (elapsed_s < fault.start_s + fault.duration_s)
             sensor[inside] += fault.bias_m_s2
-    quantum = settings.quantum_m_s2
-    return AccelerometerSignal(edges, np.rint(sensor / quantum) * quantum)
+    top = 2 ** (settings.bits - 1)
+    # A register knows no negative zero; adding 0 makes it a positive one.
+    counts = np.clip(np.rint(sensor / settings.quantum_m_s2), -top, top - 1) + 0.0
+    return AccelerometerSignal(edges, counts * settings.quantum_m_s2)
 
 
 def _hum(

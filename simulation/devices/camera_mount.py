@@ -33,11 +33,6 @@ class CameraMount:
         return position_m + rotation @ self.position_m, rotation @ self.rotation
 
 
-def camera_is_body() -> CameraMount:
-    """Return the mount of a tracked camera: the body is the optical frame itself."""
-    return CameraMount(np.zeros(3), np.eye(3))
-
-
 def on_rover() -> CameraMount:
     """Return a mount on a Jackal-sized rover: 16 cm ahead, 40 cm up, 25 degrees down."""
     down = Rotation.from_euler("y", 25.0, degrees=True).as_matrix()

@@ -29,3 +29,12 @@ def kinect_noise_file(model: KinectModel) -> dict[str, object]:
             "range_max_m": model.range_max_m,
         },
     }
+
+
+def recording_settings(model: KinectModel) -> dict[str, object]:
+    """Return the settings of a simulated recording: the camera's noise, and its exact mount."""
+    return {
+        "depth_noise": kinect_noise_file(model),
+        "mount_sigma_m": 0.0,
+        "mount_sigma_rad": 0.0,
+    }

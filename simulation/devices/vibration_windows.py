@@ -44,6 +44,7 @@ _FROM_PEAK: Mapping[VibrationStatistic, float] = {
     "peak-to-peak": 2.0,
     "rms": math.sqrt(0.5),
 }
+_CELSIUS_STEP = 0.01
 _BLOCK = 500  # windows at a time: 9 MB of spectra
 
 
@@ -59,6 +60,7 @@ class VibrationOutput:
         statistic: which one; not "instantaneous".
         amplitude_quantum: step of the amplitude, m, m/s or m/s^2.
         frequency_quantum_hz: step of the frequency.
+        largest_count: an amplitude or frequency of more steps has no value (NaN).
         warming: the device's temperature, reported in steps of 0.01 degree.
         offset_s: what the device's clock shows at the start of the run.
         tick_s: its resolution.
@@ -72,6 +74,7 @@ class VibrationOutput:
     statistic: VibrationStatistic = "peak"
     amplitude_quantum: float = 1e-7
     frequency_quantum_hz: float = 0.1
+    largest_count: int = 2**16 - 2
     warming: Warming = field(default_factory=Warming)
     offset_s: float = 4200.0
     tick_s: float = 1e-6
@@ -154,7 +157,7 @@ def vibration_stream(
         for i in range(0, len(windows), _BLOCK)
     ]
     amplitude, frequency = (
-        _quantised(np.vstack(part), step)
+        _quantised(np.vstack(part), step, output.largest_count)
         for part, step in zip(
             zip(*blocks, strict=True),
             (output.amplitude_quantum, output.frequency_quantum_hz),
@@ -164,7 +167,7 @@ def vibration_stream(
     measured_ns = signal.edges_ns[length::stride]
     elapsed_s = motion.elapsed_s(measured_ns)
     ticks = np.floor((output.offset_s + elapsed_s * sensor.clock.speed) / output.tick_s)
-    celsius = np.rint(output.warming.at(elapsed_s) * 100.0) / 100.0
+    celsius = np.rint(output.warming.at(elapsed_s) / _CELSIUS_STEP) * _CELSIUS_STEP
     t_ns = sensor.clock.stamps_ns(measured_ns, random)
 
     def make(index: int, sequence: int) -> Sample:
@@ -183,5 +186,7 @@ def vibration_stream(
     return DeviceStream("vibration", VibrationSample, measured_ns, arrived, make)
 
 
-def _quantised(values: Float64Array, step: float) -> Float64Array:
-    return np.asarray(np.rint(values / step) * step, np.float64)
+def _quantised(values: Float64Array, step: float, largest_count: int) -> Float64Array:
+    """Return whole steps, as a driver gets them from a register; NaN beyond the largest count."""
+    counts = np.rint(values / step)
+    return np.where(counts <= largest_count, counts * step, np.nan)

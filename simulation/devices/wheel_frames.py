@@ -29,7 +29,10 @@ Int64Array = NDArray[np.int64]
 _PUMA_SPEED_ID = 0x02021540
 _PUMA_DEVICES = (2, 3, 5, 4)
 _PUMA_GEAR = 24.0
-_PUMA_COUNTS_PER_RAD_S = _PUMA_GEAR * 60.0 / (2.0 * math.pi) * 65536.0
+_PUMA_COUNTS_PER_RPM = 65536.0
+_RAD_S_PER_RPM = 2.0 * math.pi / 60.0
+# Speed of a rim per turn a minute of its motor, in the order in which a driver multiplies.
+_PUMA_RIM_M_S_PER_RPM = _RAD_S_PER_RPM * (WHEEL_RADIUS_M / _PUMA_GEAR)
 # Scout: int16 mm/s and mrad/s, int32 mm left and right, big-endian.
 _SCOUT_IDS = (0x221, 0x311)
 _FRAME_GAP_NS = 250_000  # frames of one set follow each other on the bus
@@ -133,8 +136,9 @@ def _frame_sets(motion: Motion, bus: WheelBus, edges_ns: Int64Array) -> _FrameSe
 
 
 def _puma(rates_rad_s: Float64Array) -> _FrameSets:
-    values = np.rint(rates_rad_s * _PUMA_COUNTS_PER_RAD_S).astype(np.int64)
-    left, right = _sides(values / _PUMA_COUNTS_PER_RAD_S * WHEEL_RADIUS_M)
+    counts_per_rad_s = _PUMA_GEAR / _RAD_S_PER_RPM * _PUMA_COUNTS_PER_RPM
+    values = np.rint(rates_rad_s * counts_per_rad_s).astype(np.int64)
+    left, right = _sides(values / _PUMA_COUNTS_PER_RPM * _PUMA_RIM_M_S_PER_RPM)
     speed, yaw_rate = _twist(left, right)
     return _FrameSets(
         ids=tuple(_PUMA_SPEED_ID | device for device in _PUMA_DEVICES),
@@ -160,7 +164,7 @@ def _scout(rates_rad_s: Float64Array, angles_rad: Float64Array) -> _FrameSets:
             for (v, w), (left, right) in zip(milli, run_mm.tolist(), strict=True)
         ],
         twist_frames=1,
-        twists=[(v / 1000.0, w / 1000.0, None, None) for v, w in milli],
+        twists=[(1e-3 * v, 1e-3 * w, None, None) for v, w in milli],
     )
 
 

@@ -44,6 +44,7 @@ class Gyro:
         bias_walk_rad_s: random walk of the bias, rad/s per root second.
         bias_per_c: change of the bias with temperature, rad/s per degree from 25 C.
         warming: the chip's temperature, which it reports in steps of 1/16 degree.
+        temperature_period_s: how often the temperature is read; the samples between keep it.
         deg_s_per_count: scale of the register.
         bits: width of the register, two's complement.
     """
@@ -57,6 +58,7 @@ class Gyro:
     bias_walk_rad_s: float = 2e-5
     bias_per_c: float = 1e-4
     warming: Warming = field(default_factory=Warming)
+    temperature_period_s: float = 1.0
     deg_s_per_count: float = 1.0 / 71680.0
     bits: int = 24
 
@@ -74,7 +76,8 @@ def gyro_stream(
     rate = motion.mean_body_rate(edges) @ axis + _gyro_errors(settings, celsius, random)
     top = 2 ** (settings.bits - 1)
     counts = np.clip(np.rint(np.degrees(rate) / settings.deg_s_per_count), -top, top - 1)
-    shown_c = np.rint(16.0 * celsius) / 16.0
+    every = max(round(settings.temperature_period_s * clock.rate_hz), 1)
+    shown_c = (np.rint(16.0 * celsius) / 16.0)[np.arange(celsius.size) // every * every]
     t_ns = clock.stamps_ns(measured_ns, random)
 
     def make(index: int, sequence: int) -> Sample:

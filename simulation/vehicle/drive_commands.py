@@ -174,6 +174,14 @@ class Waypoints:
             self._next += 1
         return STANDSTILL
 
+    def skip_within(self, distance_m: float, pose: PlanarPose) -> None:
+        """Give up the next points as far as they are nearer than that; the last one stays."""
+        while self._next < len(self._points_m) - 1:
+            x, y = self._points_m[self._next]
+            if math.hypot(x - pose.x_m, y - pose.y_m) >= distance_m:
+                return
+            self._next += 1
+
     def _towards(self, bearing_rad: float) -> Twist:
         limit = self._max_yaw_rate_rad_s
         yaw_rate = min(max(self._gain_per_s * bearing_rad, -limit), limit)

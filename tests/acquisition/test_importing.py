@@ -11,6 +11,7 @@ from acquisition.importing import record_all
 from acquisition.stream.byte_source import FinishedFile
 from acquisition.stream.reader import StreamReader
 from drivers.errors import DriverError, TerravibeError
+from tests.acquisition.test_stream_writer import files_may_grow_to
 from tests.fakes.finite_source import FiniteSource
 from tests.fakes.recordings import (
     MOUNT,
@@ -58,8 +59,40 @@ def test_a_failure_leaves_no_file(
     assert source.closed == 1
 
 
-def test_a_missing_folder_is_told_and_the_source_closed(tmp_path: Path) -> None:
+def test_a_full_disk_is_told_of_the_recording_and_leaves_nothing(tmp_path: Path) -> None:
+    source, path = FiniteSource(samples(1.0)), tmp_path / "r.mcap"
+    with (
+        files_may_grow_to(2_000),
+        pytest.raises(
+            StreamError, match=r"write .*/r\.mcap: File too large; nothing of it is kept"
+        ),
+    ):
+        record_all(source, path, static_transforms=[], settings={})
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_belongs_to_a_recording_may_keep_it_from_appearing(tmp_path: Path) -> None:
+    path = tmp_path / "r.mcap"
+    seen: list[bool] = []
+
+    def refuse() -> None:
+        raise DriverError("no truth")
+
+    source = FiniteSource(samples(0.1))
+    with pytest.raises(DriverError, match="no truth"):
+        record_all(source, path, static_transforms=[], settings={}, when_complete=refuse)
+    assert not list(tmp_path.iterdir())
+    source = FiniteSource(samples(0.1))
+
+    def note() -> None:
+        seen.append(path.exists())
+
+    record_all(source, path, static_transforms=[], settings={}, when_complete=note)
+    assert (seen, path.exists()) == ([False], True)
+
+
+def test_a_missing_folder_is_told_before_the_source_is_opened(tmp_path: Path) -> None:
     source = FiniteSource(samples(0.1))
     with pytest.raises(StreamError, match="there is no folder"):
         record_all(source, tmp_path / "no" / "r.mcap", static_transforms=[], settings={})
-    assert source.closed == 1
+    assert source.opened == 0

@@ -95,6 +95,26 @@ def test_garbage_before_a_reply_does_not_spoil_it(port: Path) -> None:
             assert sensor.statistics.frames.garbage_bytes == 4
 
 
+def test_a_reply_with_the_sync_inside_is_believed_when_nothing_follows(
+    port: Path, tmp_path: Path
+) -> None:
+    slave = Wtvb01Slave()
+    slave.registers |= {0x41: 0x5003, 0x42: 0x2E01, 0x43: 9}
+    with FakeSerialDevice(port, slave) as fake:
+        profile = hasty_profile(tmp_path, "wtvb01-485")
+        sensor = VibrationSensor(str(port), profile, sleep=lambda _: None)
+        with OpenSource(sensor):
+            (sample, *_) = vibrations(sensor, 2)
+            assert sample.amplitude == pytest.approx([0x5003 * 1e-6, 0x2E01 * 1e-6, 9e-6])
+            with fake.quiet():
+                slave.faults += ["truncate"]
+            vibrations(sensor, 1)
+            statistics = sensor.statistics
+    assert statistics.polls.damaged == 1
+    assert statistics.frames.garbage_bytes == 51 - 9, "the end of the burst ends what it began"
+    assert statistics.frames.checksum_errors == 0
+
+
 def test_a_device_of_another_address_is_refused(port: Path, tmp_path: Path) -> None:
     with (
         FakeSerialDevice(port, Wtvb01Slave(address=0x51)),

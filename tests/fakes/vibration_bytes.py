@@ -1,15 +1,15 @@
-"""Frames and damaged streams of any vibration profile, as bytes.
+"""Frames of any vibration profile, as bytes.
 
 Not simulated: what a device would do on purpose. The values are random over their whole range,
-and a fifth of the frames carries the sync pattern inside, so the stream is harsher than a real one.
+and up to a fifth of the frames carries the sync pattern inside, where a value may be that, so the
+stream is harsher than a real one.
 """
 
 from __future__ import annotations
 
 import random
 import struct
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 from drivers.vibration.decode import FrameDecoder
 from drivers.vibration.profile_tables import ValueField, VibrationProfile
@@ -24,6 +24,10 @@ def frame_of(
     for field in profile.field:
         for offset, value in zip(field.offsets, raw.get(field.name, ()), strict=False):
             field.struct.pack_into(frame, offset, value)
+    for part in profile.clock.part if profile.clock else ():
+        if part.max is not None:
+            told = int(part.struct.unpack_from(frame, part.offset)[0])
+            part.struct.pack_into(frame, part.offset, told % (part.max + 1))
     return with_checksum(profile, frame)
 
 
@@ -66,7 +70,7 @@ def _with_sync_inside(
         at = rng.randrange(len(sync), len(frame) - tail - len(sync) + 1)
         changed = bytearray(frame)
         changed[at : at + len(sync)] = sync
-        if tail or decoder.plausible(bytes(changed)):
+        if decoder.plausible(bytes(changed)):
             return with_checksum(profile, changed)
     return frame
 
@@ -81,59 +85,3 @@ def _limits(field: ValueField) -> tuple[int, int]:
     if field.max is not None:
         high = min(high, round((field.max - field.bias) / field.scale))
     return low, high
-
-
-@dataclass(frozen=True)
-class DamagedStream:
-    """A stream of frames with garbage in it.
-
-    `intact` are the frames that stand in the data unbroken: nothing else may be delivered.
-    `undamaged` are those that must be delivered: with a checksum all intact ones, without one
-    the intact ones behind which the next sync follows at once.
-    """
-
-    data: bytes
-    intact: list[bytes]
-    undamaged: set[bytes]
-
-
-def damaged_stream(
-    profile: VibrationProfile, frames: list[bytes], rng: random.Random, share: float = 0.05
-) -> DamagedStream:
-    """Put up to 40 bytes of garbage before or into `share` of the frames."""
-    decoys = random_frames(profile, rng, 1000)
-    data = bytearray()
-    ends: dict[bytes, int] = {}
-    for frame in frames:
-        segment = frame
-        if rng.random() < share:
-            segment = _spoiled(profile, frame, rng.choice(decoys), rng)
-        if frame in segment:
-            ends[frame] = len(data) + segment.index(frame) + len(frame)
-        data += segment
-    data += bytes(4 * len(frames[-1]))  # so that nothing still waits for more
-    sync = b"" if profile.frame.checksum.kind else profile.frame.sync
-    undamaged = {frame for frame, end in ends.items() if data.startswith(sync, end)}
-    return DamagedStream(bytes(data), list(ends), undamaged)
-
-
-def _spoiled(profile: VibrationProfile, frame: bytes, decoy: bytes, rng: random.Random) -> bytes:
-    """Return the frame behind a part of another one, or with noise before or inside it."""
-    sync, place = profile.frame.sync, rng.randrange(len(frame))
-    noise = rng.choice((sync * rng.randint(1, 4), rng.randbytes(rng.randint(1, 40))))
-    return rng.choice(
-        (
-            decoy[: rng.randrange(1, len(decoy))] + frame,
-            frame[:place] + noise + frame[place:],
-            noise + frame,
-        )
-    )
-
-
-def pieces(data: bytes, rng: random.Random, longest: int = 96) -> Iterator[bytes]:
-    """Cut the data at random places."""
-    at = 0
-    while at < len(data):
-        size = rng.randint(1, longest)
-        yield data[at : at + size]
-        at += size

@@ -12,6 +12,9 @@ from mapping.settings import MapSettings
 
 # A stamp whose last digits a floating number would lose.
 EPOCH_NS = 1_700_000_000_123_456_789
+_PLAIN_SETTINGS = {
+    name: value for name, value in asdict(MapSettings()).items() if not isinstance(value, tuple)
+}
 
 
 def make_map(
@@ -46,7 +49,7 @@ def make_map(
         pixels=np.where(known, 90, 0).astype(np.uint32),
         last_seen_ns=np.where(known, EPOCH_NS, 0).astype(np.int64),
         state=np.broadcast_to(np.asarray(state, np.uint8), elevation.shape).copy(),
-        attributes={**asdict(MapSettings()), "noise_model": "nguyen2012", "frames": 58},
+        attributes={**_PLAIN_SETTINGS, "noise_model": "nguyen2012", "frames": 58},
     )
 
 

@@ -44,8 +44,9 @@ def test_json_has_the_promised_keys_and_is_plain() -> None:
     found = evaluate(make_map(ERRORS_MM / 1000.0), np.zeros((3, 3))).as_json()
     assert list(found) == [
         *("cells", "rmse_m", "nmad_m", "le90_m", "p99_m", "max_m", "bias_m"),
-        *("coverage_1sigma", "coverage_2sigma", "coverage_3sigma", "anees", "completeness"),
-        *("by_slope", "by_sigma", "edges", "unconfirmed"),
+        *("coverage_1sigma", "coverage_2sigma", "coverage_3sigma", "anees"),
+        *("by_slope", "by_range", "edges"),
+        *("completeness", "by_sigma", "unconfirmed", "relative"),
     ]
     text = json.dumps(found, allow_nan=False)
     assert json.loads(text)["edges"] == {

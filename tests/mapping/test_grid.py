@@ -159,7 +159,7 @@ def test_a_map_beyond_the_memory_limit_is_refused_and_nothing_is_lost() -> None:
     _visit(grid, 10, 10, 1)
     _visit(grid, 100, 10, 2)
     before = _cells(grid)
-    reason = r"grow to 16 m x 3 m \(1\.2 MB\), the limit is 1\.0 MB; check the poses for jumps"
+    reason = r"grow to 16 m x 3 m \(1\.3 MB\), the limit is 1\.0 MB; check the poses for jumps"
     with pytest.raises(MappingError, match=reason):
         _visit(grid, 270, 10, 3)
     assert _cells(grid) == before

@@ -264,7 +264,7 @@ def test_outside_its_box_a_calibration_yields_to_the_fallback() -> None:
     far = DepthNoiseModel("default", axial_offset_m=0.02)
     maps, counts = [], []
     for noise, fallback in ((near, None), (near, far), (far, None)):
-        mapper = Mapper(MapSettings(resolution_m=0.04), noise, fallback)
+        mapper = Mapper(MapSettings(resolution_m=0.04), noise, fallback=fallback)
         mapper.add(mount())
         for k in range(4):
             mapper.add(pose_sample(k * 10**8))

@@ -127,11 +127,36 @@ def test_settings_that_are_no_json_object_are_refused() -> None:
     assert recorded_settings({}) == recorded_settings({"terravibe": {}}) == {}
 
 
+def test_a_world_wants_a_scrolling_window(tmp_path: Path) -> None:
+    options = MapOptions(MapSettings(), world=tmp_path / "w")
+    with pytest.raises(MappingError, match="a world is mapped through a scrolling window"):
+        _map({}, options)
+    assert not (tmp_path / "w").exists()
+
+
+def test_boxes_of_the_recording_count_unless_they_are_none() -> None:
+    box = [5.0, 5.0, 5.0, 6.0, 6.0, 6.0]
+    with pytest.raises(MappingError, match="does not connect base_link with"):
+        _map({"map": {"body_boxes_m": [box]}})
+    with pytest.raises(MappingError, match="body_boxes_m has"):
+        _map({"map": {"body_boxes_m": [box[:5]]}})
+    with pytest.raises(MappingError, match="map section has body_boxes_m = 'none'"):
+        _map({"map": {"body_boxes_m": "none"}})
+
+
+def test_the_paper_mode_is_a_method_and_says_so() -> None:
+    result = _map({}, MapOptions(MapSettings(), method="paper2019"))
+    assert result.map.attributes["method"] == "paper2019"
+    assert result.counts.frames == 3
+    assert "method" not in _map({}).map.attributes
+
+
 def test_the_map_says_how_it_was_made() -> None:
     result = _map({"mount_sigma_m": 0.004})
     attributes = result.map.attributes
     for name, value in asdict(result.settings).items():
-        assert attributes[f"setting_{name}"] == value
+        expected = "[]" if name == "body_boxes_m" else value
+        assert attributes[f"setting_{name}"] == expected
     for name, value in asdict(KINECT_V1).items():
         assert attributes[f"noise_{name}"] == value
     for name, value in asdict(result.counts).items():

@@ -17,8 +17,10 @@ MAY_BE_ZERO = {
     "relief_frames",
     "mount_sigma_m",
     "mount_sigma_rad",
+    "seen_through_frames",
+    "overhang_clearance_m",
 }
-NUMBERS = [item.name for item in fields(MapSettings) if item.name != "grid"]
+NUMBERS = [item.name for item in fields(MapSettings) if item.name not in {"grid", "body_boxes_m"}]
 
 
 @pytest.mark.parametrize("name", NUMBERS)
@@ -47,6 +49,12 @@ def test_zero_is_allowed_where_it_means_something(name: str) -> None:
         ({"resolution_m": 6.0}, "expected resolution_m below window_m"),
         ({"grid": "round"}, "grid is 'round'; expected growing or scrolling"),
         ({"confirmations": 256}, "confirmations is 256; expected at most 255"),
+        ({"seen_through_frames": 256}, "seen_through_frames is 256; expected at most 255"),
+        ({"body_boxes_m": [(0, 0, 0, 1, 1)]}, r"body_boxes_m has \(0, 0, 0, 1, 1\); expected"),
+        ({"body_boxes_m": [5]}, "body_boxes_m has 5; expected"),
+        ({"body_boxes_m": [(0, 0, 0, 1, 1, "1")]}, "each minimum below its maximum"),
+        ({"body_boxes_m": [(0, 0, 1, 1, 1, 1)]}, "each minimum below its maximum"),
+        ({"body_boxes_m": [(0, 0, math.nan, 1, 1, 1)]}, "each minimum below its maximum"),
     ],
 )
 def test_what_contradicts_itself_is_refused(changes: dict[str, Any], reason: str) -> None:

@@ -17,6 +17,7 @@ def motion(
     body_rate_rad_s: ArrayLike = (0.0, 0.0, 0.0),
     acceleration_m_s2: ArrayLike = (0.0, 0.0, 9.80665),
     wheel_rate_rad_s: ArrayLike = (0.0, 0.0, 0.0, 0.0),
+    command: ArrayLike = (0.0, 0.0),
 ) -> Motion:
     """Level, without turning in its poses; signals are constant, or have a row per millisecond."""
     count = round(seconds * 1000) + 1
@@ -32,5 +33,5 @@ def motion(
         rows(body_rate_rad_s, 3),
         rows(acceleration_m_s2, 3),
         rows(wheel_rate_rad_s, 4),
-        rows((0.0, 0.0), 2),
+        rows(command, 2),
     )

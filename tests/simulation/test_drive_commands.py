@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simulation.errors import SimulationError
+from simulation.vehicle.backing_off import BackingOff
 from simulation.vehicle.drive_commands import (
     ORIGIN,
     STANDSTILL,
@@ -121,3 +122,50 @@ def test_a_ramp_arrives() -> None:
 def test_drives_that_cannot_be_driven(make: Callable[[], object], message: str) -> None:
     with pytest.raises(SimulationError, match=message):
         make()
+
+
+def blocked(pose: PlanarPose) -> bool:
+    """Tell whether a rock at (1.5, 0), 0.5 m wide, stops a vehicle there that looks ahead."""
+    return 1.0 < pose.x_m < 2.0 and abs(pose.y_m) < 0.25
+
+
+def drive_around_a_rock(commands: DriveCommands, seconds: float) -> list[PlanarPose]:
+    """Poses of a vehicle that comes no nearer to the rock than 0.5 m and 0.25 m aside."""
+    pose, poses, dt = ORIGIN, [ORIGIN], 0.02
+    for i in range(round(seconds / dt)):
+        speed, yaw_rate = commands.twist(i * dt, pose)
+        ahead = PlanarPose(
+            pose.x_m + speed * dt * math.cos(pose.yaw_rad),
+            pose.y_m + speed * dt * math.sin(pose.yaw_rad),
+            pose.yaw_rad + yaw_rate * dt,
+        )
+        if blocked(ahead):
+            ahead = PlanarPose(pose.x_m, pose.y_m, ahead.yaw_rad)
+        pose = ahead
+        poses.append(pose)
+    return poses
+
+
+def test_what_sticks_backs_off_and_gets_past() -> None:
+    points = [(0.5 * i, 0.0) for i in range(1, 9)]
+    stubborn = drive_around_a_rock(Waypoints(points), 60.0)
+    assert stubborn[-1].x_m < 1.01
+    drive = BackingOff(Waypoints(points))
+    for _ in range(2):  # the same again from the start
+        poses = drive_around_a_rock(drive, 60.0)
+        assert math.hypot(poses[-1].x_m - 4.0, poses[-1].y_m) < 0.2
+        assert not any(map(blocked, poses))
+
+
+def test_what_does_not_stick_is_driven_by_its_points_alone() -> None:
+    points = [(1.0, 0.0), (1.0, 2.0), (-1.0, 2.0), (0.0, 0.0)]
+    alone = follow(Waypoints(points), 40.0, ORIGIN)
+    assert follow(BackingOff(Waypoints(points)), 40.0, ORIGIN) == alone
+
+
+def test_points_that_are_near_are_skipped_but_never_the_last() -> None:
+    way = Waypoints([(0.5, 0.0), (1.0, 0.0), (0.0, 2.0), (0.2, 0.0)])
+    way.skip_within(1.2, ORIGIN)
+    assert way.twist(1.0, ORIGIN).yaw_rate_rad_s > 0.0
+    way.skip_within(9.0, ORIGIN)
+    assert way.twist(1.0, ORIGIN).speed_m_s == pytest.approx(0.3)

@@ -5,9 +5,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers.samples import DepthFrame
+from simulation.devices.depth_faults import with_patches
+from simulation.devices.kinect import kinect_320
 from simulation.errors import SimulationError
 from simulation.faults import (
     AccelerometerBias,
+    BlindPatches,
     Dropout,
     Fault,
     Shock,
@@ -56,6 +60,8 @@ def test_faults_leave_other_devices_alone() -> None:
         (lambda: Slip(start_s=0.0, wheels=(4,)), "wheels"),
         (lambda: SpinningWheels(start_s=0.0, speed_m_s=9.0), "speed_m_s"),
         (lambda: AccelerometerBias(start_s=0.0, bias_m_s2=(0.0, math.nan, 0.0)), "bias_m_s2"),
+        (lambda: BlindPatches(start_s=0.0, size=0.0), "size is 0"),
+        (lambda: BlindPatches(start_s=0.0, patches=0), "patches is 0"),
         (lambda: Shock(start_s=0.0, duration_s=5.0), "duration_s 5"),
         (lambda: Shock(start_s=0.0, velocity_change_m_s=(9.0, 0.0, 0.0)), "velocity_change"),
     ],
@@ -63,6 +69,28 @@ def test_faults_leave_other_devices_alone() -> None:
 def test_impossible_faults(make: Callable[[], object], message: str) -> None:
     with pytest.raises(SimulationError, match=message):
         make()
+
+
+def blind(frame: int, *faults: Fault, t_s: float = 1.0) -> NDArray[np.bool_]:
+    """Return which readings of a full image are lost."""
+    depth_mm = np.full((240, 320), 1500, np.uint16)
+    seen = DepthFrame(7, depth_mm, kinect_320(), frame)
+    after = with_patches(seen, faults, t_s, seed=3)
+    assert depth_mm.all()
+    assert set(np.unique(after.depth_mm)) <= {0, 1500}
+    assert not after.depth_mm.flags.writeable or after is seen
+    return np.asarray(after.depth_mm == 0)
+
+
+def test_dust_takes_other_readings_in_every_frame_and_glare_the_same() -> None:
+    dust, glare = BlindPatches(start_s=1.0), BlindPatches(start_s=0.0, patches=1, moving=False)
+    first, second = blind(1, dust), blind(2, dust)
+    assert (first != second).any()
+    assert 0.0 < first.mean() <= 5 * 48**2 / (240 * 320)
+    np.testing.assert_array_equal(blind(1, glare), blind(2, glare))
+    np.testing.assert_array_equal(blind(1, dust, glare) >= first, True)
+    assert not blind(1, dust, t_s=0.9).any()
+    assert not blind(1, Unplug(device="depth", start_s=0.0)).any()
 
 
 def drive(*faults: Fault) -> Motion:

@@ -41,6 +41,14 @@ def test_an_accelerometer_reports_in_its_own_axes() -> None:
     np.testing.assert_allclose(values.mean(axis=0), [0.5, -1.0, -9.8], atol=0.003)
 
 
+def test_an_accelerometer_saturates() -> None:
+    settings = Accelerometer(noise_density_m_s2=0.0, bias_sigma_m_s2=0.0)
+    shaken = motion(0.1, acceleration_m_s2=(500.0, -500.0, 9.8))
+    values = accelerometer_signal(shaken, settings, (), random()).acceleration_m_s2
+    full_scale = 16.0 * 9.80665
+    assert values[-1] == pytest.approx([full_scale, -full_scale, 9.8], abs=0.005)
+
+
 def test_a_bias_fault_starts_and_ends() -> None:
     fault = AccelerometerBias(start_s=1.0, duration_s=0.5, bias_m_s2=(0.3, 0.0, -0.2))
     settings = Accelerometer(noise_density_m_s2=0.0, bias_sigma_m_s2=0.0)

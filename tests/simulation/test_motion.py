@@ -47,3 +47,17 @@ def test_wheels_turn_by_the_sum_of_their_rates() -> None:
     drive = motion(2.0, wheel_rate_rad_s=(1.0, 2.0, 3.0, -4.0))
     angles = drive.wheel_angles_at(np.array([START_NS + 500_000_000, START_NS + 1_500_000_000]))
     np.testing.assert_allclose(np.diff(angles, axis=0)[0], [1.0, 2.0, 3.0, -4.0])
+
+
+def test_a_vehicle_that_is_told_to_go_and_does_not_is_stuck() -> None:
+    seconds = np.arange(20_001) * 1e-3
+    # It drives at 0.3 m/s but for the time from 4 to 12 s.
+    x_m = 0.3 * (np.minimum(seconds, 4.0) + np.maximum(seconds - 12.0, 0.0))
+    position = np.column_stack([x_m, 0.0 * x_m, 0.0 * x_m])
+    command = np.tile([0.3, 0.0], (seconds.size, 1))
+    # Of the five seconds before, 0.1 m = 0.33 s may have been driving at either end.
+    stuck = motion(20.0, position_m=position, command=command)
+    assert stuck.stuck_s == pytest.approx(3.0 + 2 * 0.333, abs=0.01)
+    resting = motion(20.0, position_m=position, command=0.0 * command)
+    assert resting.stuck_s == 0.0
+    assert motion(4.0, command=command[:4001]).stuck_s == 0.0

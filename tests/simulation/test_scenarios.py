@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -20,6 +21,7 @@ from simulation.devices.kinect import KinectModel, kinect_320
 from simulation.devices.kinect_noise import kinect_noise_file
 from simulation.devices.sensor_mounts import sensor_mounts
 from simulation.errors import SimulationError
+from simulation.faults import BlindPatches, Unplug
 from simulation.scenario_source import ScenarioSource
 from simulation.scenarios import SCENARIOS, SHORTEST_S, make_scenario
 from simulation.vehicle.routes import around_rocks, circle, there_and_back
@@ -55,6 +57,31 @@ def test_all_devices_report_in_the_order_of_their_stamps(
     assert kinds[PoseSample] == 401
     assert source.read(0.0)[0].t_ns == stamps[0]  # opened again, it begins again
     source.close()
+
+
+def test_a_camera_that_is_unplugged_leaves_a_gap_in_frames_and_numbers(
+    driven: tuple[ScenarioSource, list[Sample]],
+) -> None:
+    source, samples = driven
+    faults = (
+        Unplug(device="depth", start_s=1.0, duration_s=2.75),
+        BlindPatches(start_s=3.0, patches=2, size=0.5),
+    )
+    options = replace(source.scenario.options, faults=faults)
+    faulty = ScenarioSource(replace(source.scenario, options=options))
+    faulty._run = source._run  # the same drive
+    faulty.open()
+    frames, whole = (
+        [s for s in part if isinstance(s, DepthFrame)] for part in (read_all(faulty), samples)
+    )
+    assert [frame.sequence for frame in frames] == [*range(10), 38, 39]
+    for frame in frames[:10]:
+        np.testing.assert_array_equal(frame.depth_mm, whole[frame.sequence].depth_mm)
+    for frame in frames[10:]:
+        assert frame.t_ns == whole[frame.sequence].t_ns
+        lost = (frame.depth_mm == 0) & (whole[frame.sequence].depth_mm != 0)
+        assert lost.sum() > 1000
+        assert (frame.depth_mm == whole[frame.sequence].depth_mm)[~lost].all()
 
 
 def test_true_poses_are_those_of_the_rover_at_every_frame(

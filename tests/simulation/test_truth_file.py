@@ -40,6 +40,13 @@ def test_the_evaluation_reads_what_was_written(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.visible, wanted.visible)
 
 
+def test_facts_about_the_run_are_attributes(tmp_path: Path) -> None:
+    facts: dict[str, str | float] = {"scenario": "rough", "stuck_s": 1.5}
+    write_truth_file(tmp_path / "truth.nc", some_truth(), some_ground(), {}, facts)
+    with xr.open_dataset(tmp_path / "truth.nc", engine="h5netcdf") as dataset:
+        assert (dataset.attrs["run_scenario"], dataset.attrs["run_stuck_s"]) == ("rough", 1.5)
+
+
 def test_ground_poses_and_signals_come_back(tmp_path: Path) -> None:
     positions, quats = np.arange(9.0).reshape(3, 3), np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
     rate = Signal(T_NS[:2], np.array([0.1, -0.2]), "rad s-1", "yaw rate of the body")

@@ -88,6 +88,23 @@ def test_the_stream_has_the_devices_clock_and_steps() -> None:
     assert (z.quantity, z.statistic) == ("displacement", "peak")
 
 
+def test_what_the_register_cannot_hold_has_no_value() -> None:
+    still = motion(0.3)
+    signal = accelerometer_signal(still, Accelerometer(), (), np.random.default_rng(3))
+
+    def samples(largest_count: int) -> list[VibrationSample]:
+        output = VibrationOutput(largest_count=largest_count)
+        random = np.random.default_rng(3)
+        stream = vibration_stream(still, Accelerometer(), signal, output, (), random)
+        return [sample for sample in stream if isinstance(sample, VibrationSample)]
+
+    whole, low = samples(2**16 - 2)[0], samples(1000)[0]
+    assert np.isfinite(whole.frequency_hz).all()
+    above = whole.frequency_hz > 100.0
+    assert above.any()
+    np.testing.assert_array_equal(np.isnan(low.frequency_hz), above)
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -1,0 +1,1 @@
+"""A map without bounds: tiles on disk, from which a scrolling window borrows its cells."""

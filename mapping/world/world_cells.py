@@ -1,0 +1,63 @@
+"""The cells of a world that are in memory: tiles around the window, written when it moves on."""
+
+from __future__ import annotations
+
+from mapping.cells.cell_layers import CellLayers, copy_cells, empty_layers
+from mapping.cells.grid import CellWindow
+from mapping.world.tile_store import TileStore
+from mapping.world.tiles import TILE_CELLS, Tile, shares, tiles_of
+
+
+class WorldCells:
+    """Takes blocks of cells and gives them back.
+
+    At most the tiles that touch the window, or a ring of one tile around it, are in memory, so
+    that a rover that turns on the spot does not make the disk work.
+    """
+
+    def __init__(self, store: TileStore) -> None:
+        self._store = store
+        self._tiles: dict[Tile, CellLayers] = {}
+        self._changed: set[Tile] = set()
+
+    def put(self, window: CellWindow, layers: CellLayers) -> None:
+        """Take a block of cells; layers (window.cells_y, window.cells_x)."""
+        for tile, inside, outside in shares(window):
+            known = self._tile(tile)
+            if layers.frames[outside].any() or known.frames[inside].any():
+                copy_cells(layers, outside, known, inside)
+                self._changed.add(tile)
+
+    def take(self, window: CellWindow) -> CellLayers:
+        """Return a block of cells as it was last put; 0 where it never was."""
+        layers = empty_layers(window.cells_y, window.cells_x)
+        for tile, inside, outside in shares(window):
+            copy_cells(self._tile(tile), inside, layers, outside)
+        return layers
+
+    def keep(self, window: CellWindow) -> None:
+        """Write and drop the tiles that are farther than one tile from the window."""
+        wide = CellWindow(
+            window.first_x - TILE_CELLS,
+            window.first_y - TILE_CELLS,
+            window.cells_x + 2 * TILE_CELLS,
+            window.cells_y + 2 * TILE_CELLS,
+        )
+        for tile in sorted(self._tiles.keys() - set(tiles_of(wide))):
+            self._write(tile)
+            del self._tiles[tile]
+
+    def flush(self) -> None:
+        """Write every tile that has changed."""
+        for tile in sorted(self._changed):
+            self._write(tile)
+
+    def _tile(self, tile: Tile) -> CellLayers:
+        if tile not in self._tiles:
+            self._tiles[tile] = self._store.read(tile)
+        return self._tiles[tile]
+
+    def _write(self, tile: Tile) -> None:
+        if tile in self._changed:
+            self._store.write(tile, self._tiles[tile])
+            self._changed.discard(tile)

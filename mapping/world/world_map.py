@@ -1,0 +1,118 @@
+"""A rectangle of a world as an ordinary map."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from mapping.cells.cell_layers import CellLayers, copy_cells, empty_layers
+from mapping.cells.elevation_map import ElevationMap, read_out
+from mapping.cells.grid import CellWindow, megabytes
+from mapping.errors import MappingError
+from mapping.noise import DepthNoiseModel
+from mapping.settings import MapSettings
+from mapping.world.tile_store import TileStore
+from mapping.world.tiles import TILE_CELLS, shares
+
+
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """Cells in memory, for `read_out`."""
+
+    extent: CellWindow
+    layers: CellLayers
+
+    def unrolled(self) -> CellLayers:
+        """Return the layers."""
+        return self.layers
+
+
+def about_world(settings: MapSettings, noise: DepthNoiseModel) -> dict[str, object]:
+    """Return what a new world says of how it is made."""
+    return {"settings": asdict(settings), "noise": asdict(noise)}
+
+
+def check_same_cells(store: TileStore, settings: MapSettings) -> None:
+    """Refuse to go on with cells of another size.
+
+    Raises:
+        MappingError: the world's cells have another size.
+    """
+    found_m = store.about["settings"]["resolution_m"]
+    if found_m != settings.resolution_m:
+        raise MappingError(
+            f"the world {store.path} has cells of {found_m} m, the settings ask for "
+            f"{settings.resolution_m} m; give --resolution {found_m}, or a new world"
+        )
+
+
+def read_world(path: Path, window_m: Sequence[float] | None = None) -> ElevationMap:
+    """Return a rectangle of a world, also while the world is being written.
+
+    Args:
+        path: the world's folder.
+        window_m: x_min, y_min, x_max, y_max in the terrain frame; None = all that was seen.
+
+    Raises:
+        MappingError: no world, a damaged tile, nothing seen in the window, or too much for the
+            memory limit that the world was made with.
+    """
+    with TileStore.read_only(path) as store:
+        settings = _settings_of(store)
+        extent = _all_of(store) if window_m is None else _cells_of(window_m, settings.resolution_m)
+        need_mb = megabytes(extent.cells_x, extent.cells_y)
+        if need_mb > settings.memory_limit_mb:
+            raise MappingError(
+                f"the window needs {need_mb:.0f} MB, the limit is {settings.memory_limit_mb:.0f} "
+                "MB; give a smaller --window"
+            )
+        layers = empty_layers(extent.cells_y, extent.cells_x)
+        for tile, inside, outside in shares(extent):
+            copy_cells(store.read(tile), inside, layers, outside)
+        return read_out(_Block(extent, layers), settings, _attributes(store.about))
+
+
+def _settings_of(store: TileStore) -> MapSettings:
+    try:
+        return MapSettings(**store.about["settings"])
+    except (KeyError, TypeError) as error:
+        raise MappingError(f"the world {store.path} does not say how it was made") from error
+
+
+def _all_of(store: TileStore) -> CellWindow:
+    tiles = store.tiles()
+    if not tiles:
+        raise MappingError(f"the world {store.path} is empty; map something into it first")
+    first_x, last_x = min(x for x, _ in tiles), max(x for x, _ in tiles)
+    first_y, last_y = min(y for _, y in tiles), max(y for _, y in tiles)
+    return CellWindow(
+        first_x * TILE_CELLS,
+        first_y * TILE_CELLS,
+        (last_x - first_x + 1) * TILE_CELLS,
+        (last_y - first_y + 1) * TILE_CELLS,
+    )
+
+
+def _cells_of(window_m: Sequence[float], cell_size_m: float) -> CellWindow:
+    """Return the cells that a rectangle in metres touches."""
+    x_min, y_min, x_max, y_max = window_m
+    if not (x_min < x_max and y_min < y_max and all(map(math.isfinite, window_m))):
+        raise MappingError(
+            f"the window is {x_min:g} {y_min:g} {x_max:g} {y_max:g}; expected x_min y_min x_max "
+            "y_max in metres, each minimum below its maximum"
+        )
+    first_x, first_y = math.floor(x_min / cell_size_m), math.floor(y_min / cell_size_m)
+    end_x, end_y = math.ceil(x_max / cell_size_m), math.ceil(y_max / cell_size_m)
+    return CellWindow(first_x, first_y, end_x - first_x, end_y - first_y)
+
+
+def _attributes(about: Mapping[str, Any]) -> dict[str, str | int | float]:
+    found: dict[str, str | int | float] = {}
+    for prefix, section in (("setting", "settings"), ("noise", "noise")):
+        for name, value in about[section].items():
+            found[f"{prefix}_{name}"] = json.dumps(value) if isinstance(value, list) else value
+    return found

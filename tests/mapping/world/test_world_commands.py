@@ -1,0 +1,71 @@
+"""terravibe map --world and terravibe export of a world."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import cli
+from acquisition.importing import record_all
+from mapping.output.map_file import read_map
+from simulation.devices.ideal_camera import IDEAL_CAMERA_NOISE
+from simulation.ideal_drive import IdealDrive
+from tests.mapping.scenes import mount
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recorded") / "run.mcap"
+    record_all(
+        IdealDrive(2, 0.5),
+        path,
+        static_transforms=mount().transforms,
+        settings={"depth_noise": IDEAL_CAMERA_NOISE},
+    )
+    return path
+
+
+def _words(*words: object) -> list[str]:
+    return [str(word) for word in words]
+
+
+def test_a_recording_becomes_a_world_and_a_part_of_it_a_map(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    world, part, plain = tmp_path / "w.zarr", tmp_path / "part.nc", tmp_path / "plain.nc"
+    command = _words("map", recording, "--world", world, "--window-m", 12, "--json")
+    assert cli.main(command) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["output"] == str(world)
+    assert cli.main(_words("map", recording, "-o", plain)) == 0
+    assert cli.main(_words("export", world, "-o", part)) == 0
+    assert read_map(part).sha256() == read_map(plain).sha256()
+    window = _words("export", world, "--window", 1, -0.5, 1.5, 0.5, "-o", tmp_path / "part.tif")
+    assert cli.main(window) == 0
+    assert (tmp_path / "part.tif").stat().st_size > 1000
+    assert cli.main(_words("map", recording, "--world", world)) == 2
+    assert "give --continue" in capsys.readouterr().err
+    assert cli.main(_words("map", recording, "--world", world, "--continue")) == 0
+    assert cli.main(_words("export", world, "-o", part)) == 0
+    counts = [int(read_map(path).frames.sum()) for path in (part, plain)]
+    assert counts[0] == pytest.approx(2 * counts[1], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["map", "x.mcap"], "nothing to write; give -o FILE.nc, --world DIR.zarr, or both"),
+        (["map", "x.mcap", "--world", "w", "--grid", "growing"], "leave --grid out"),
+        (["map", "x.mcap", "-o", "m.nc", "--continue"], "give --world DIR.zarr too"),
+        (["export", "m.nc", "--window", "0", "0", "1", "1", "-o", "a.tif"], "is for world maps"),
+    ],
+)
+def test_contradictions_are_one_line(
+    words: list[str], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(words) == 2
+    error = capsys.readouterr().err
+    assert reason in error
+    assert error.count("\n") == 1
