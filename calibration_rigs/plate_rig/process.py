@@ -13,19 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration_rigs.errors import RigError
+from calibration_rigs.plate_rig.bands import BOOTSTRAPS, Bands, bootstrap
 from calibration_rigs.plate_rig.bias import BiasFit, fit_bias, tape_outliers
 from calibration_rigs.plate_rig.cell import CellOutcome, CellResult, analyse
 from calibration_rigs.plate_rig.faults import Fault
 from calibration_rigs.plate_rig.frames import read_frames
 from calibration_rigs.plate_rig.manifest import CellEntry, Manifest
-from calibration_rigs.plate_rig.sigma_models import (
-    BOOTSTRAPS,
-    Bands,
-    SigmaFit,
-    bootstrap,
-    cell_sigmas,
-    fit_laws,
-)
+from calibration_rigs.plate_rig.sigma_models import SigmaFit, cell_sigmas, fit_laws
 from drivers.errors import TerravibeError
 from mapping.calibration_file import DeviceIdentity
 
@@ -68,7 +62,7 @@ class PlateResult:
         bands: of the first.
         bias: fit of bias(Z).
         lateral: l0 and l1 of l0 + l1 t, pixels of the 640 px wide image.
-        distortion: None when there are no cells.
+        distortion: of the sensor, from the cells that are used.
         device: who was measured.
         sha256: of all recordings, in order.
     """
@@ -109,8 +103,7 @@ def process(
     """
     results: list[CellResult] = []
     failures: list[CellFailure] = []
-    total: Float64Array | None = None
-    count: NDArray[np.uint16] | None = None
+    distortion = _DistortionSum()
     for number, outcome in enumerate(_outcomes(manifest, workers), 1):
         progress(f"cell {number} of {len(manifest.cells)}, {manifest.cells[number - 1].name}")
         if isinstance(outcome, CellFailure):
@@ -118,18 +111,11 @@ def process(
             continue
         results.append(outcome.result)
         _one_device(results)
-        if total is None or count is None:
-            total = np.zeros(outcome.residual_px.shape)
-            count = np.zeros(outcome.residual_px.shape, np.uint16)
-        there = np.isfinite(outcome.residual_px)
-        total[there] += outcome.residual_px[there]
-        count[there] += np.uint16(1)
-    device = _one_device(results)
+        distortion.add(outcome)
     results = _with_tape_outliers(results)
     used = [cell for cell in results if cell.is_used]
-    if total is None or count is None or len(used) < _CELLS_AT_LEAST:
+    if len(used) < _CELLS_AT_LEAST:
         raise RigError(_too_few(results, failures))
-    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
     progress("fitting")
     sigmas = cell_sigmas(used)
     laws = fit_laws(sigmas)
@@ -147,10 +133,34 @@ def process(
         bands=bands,
         bias=fit_bias(used, manifest.rig),
         lateral=_lateral(used),
-        distortion=Distortion(mean, count),
-        device=device,
+        distortion=distortion.mean(),
+        device=_one_device(results),
         sha256=sha256("".join(cell.sha256 for cell in results).encode()).hexdigest(),
     )
+
+
+class _DistortionSum:
+    """Adds up the residuals of the cells that are used."""
+
+    def __init__(self) -> None:
+        self._total: Float64Array = np.zeros((0, 0))
+        self._cells: NDArray[np.uint16] = np.zeros((0, 0), np.uint16)
+
+    def add(self, outcome: CellOutcome) -> None:
+        """Add a cell; images of all cells have one size."""
+        if not outcome.result.is_used:
+            return
+        if not self._total.size:
+            self._total = np.zeros(outcome.residual_px.shape)
+            self._cells = np.zeros(outcome.residual_px.shape, np.uint16)
+        there = np.isfinite(outcome.residual_px)
+        self._total[there] += outcome.residual_px[there]
+        self._cells[there] += np.uint16(1)
+
+    def mean(self) -> Distortion:
+        """Return the mean; NaN where no cell was."""
+        mean = np.where(self._cells > 0, self._total / np.maximum(self._cells, 1), np.nan)
+        return Distortion(mean, self._cells)
 
 
 def _outcomes(manifest: Manifest, workers: int) -> Iterator[CellOutcome | CellFailure]:

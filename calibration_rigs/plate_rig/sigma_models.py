@@ -23,7 +23,6 @@ from math import cos, radians, sqrt
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import norm
 
 from calibration_rigs.plate_rig.cell import CellResult
 from mapping.noise import DepthNoiseModel
@@ -33,7 +32,6 @@ Law = Callable[[Float64Array, "Conditions"], Float64Array]
 
 # No law holds better than this: it keeps a cell with a tiny interval from ruling the fit.
 _LAW_SHARE = 0.01
-BOOTSTRAPS = 200
 # Where cells hardly tell a parameter, it wanders; the law is as good long before it stops.
 _EVALUATIONS = 60
 
@@ -159,6 +157,11 @@ _LAWS = {
 }
 
 
+def law_m(name: str, parameters: Float64Array, at: Conditions) -> Float64Array:
+    """Return a law's sigma, steps not included, metres."""
+    return _LAWS[name].law(parameters, at)
+
+
 def cell_sigmas(cells: list[CellResult]) -> CellSigmas:
     """Return what the fits need of the cells that are used."""
     theta = np.array([cell.incidence_rad for cell in cells])
@@ -207,13 +210,13 @@ def fit_laws(cells: CellSigmas) -> list[SigmaFit]:
 
 
 def _fitted(name: str, cells: CellSigmas) -> SigmaFit:
-    parameters = _parameters(name, cells)
+    parameters = fit_parameters(name, cells)
     misfit = _log_ratio(name, parameters, cells)
     held = []
     for station in np.unique(cells.station):
         rest, out = cells.some(cells.station != station), cells.some(cells.station == station)
         if np.count_nonzero(~rest.is_below) >= parameters.size:
-            held.append(_log_ratio(name, _parameters(name, rest), out))
+            held.append(_log_ratio(name, fit_parameters(name, rest), out))
     return SigmaFit(
         name,
         parameters,
@@ -229,8 +232,8 @@ def _log_ratio(name: str, parameters: Float64Array, cells: CellSigmas) -> Float6
     return ratio
 
 
-def _parameters(name: str, cells: CellSigmas) -> Float64Array:
-    """Return the parameters of weighted least squares of log sigma."""
+def fit_parameters(name: str, cells: CellSigmas) -> Float64Array:
+    """Return a law's parameters by weighted least squares of log sigma."""
     row = _LAWS[name]
 
     def residuals(p: Float64Array) -> Float64Array:
@@ -242,67 +245,3 @@ def _parameters(name: str, cells: CellSigmas) -> Float64Array:
         residuals, row.start, bounds=bounds, x_scale=np.array(row.start), max_nfev=_EVALUATIONS
     )
     return np.asarray(found.x, np.float64)
-
-
-@dataclass(frozen=True, slots=True)
-class Bands:
-    """The law and its 95 % bands over distance, at some angles.
-
-    Attributes:
-        z_m: (n,) distances.
-        angles_rad: (k,) angles.
-        sigma_m, low_m, high_m: (k, n).
-    """
-
-    z_m: Float64Array
-    angles_rad: Float64Array
-    sigma_m: Float64Array
-    low_m: Float64Array
-    high_m: Float64Array
-
-
-def bootstrap(
-    fit: SigmaFit,
-    cells: CellSigmas,
-    z_m: Float64Array,
-    angles_rad: Float64Array,
-    draws: int = BOOTSTRAPS,
-) -> tuple[SigmaFit, Bands]:
-    """Return the fit with its covariance, and its prediction bands.
-
-    Cells are drawn with replacement station by station, so that what one station shares moves
-    together, and moved within their own intervals. Bands tell what the parameters cannot: these
-    trade against each other.
-    """
-    random = np.random.default_rng(1)
-    grid = _grid(z_m, angles_rad)
-    stations = np.unique(cells.station)
-    members = [np.flatnonzero(cells.station == station) for station in stations]
-    found = []
-    for _ in range(draws):
-        chosen = np.concatenate(
-            [members[k] for k in random.integers(0, len(members), len(members))]
-        )
-        some = cells.some(chosen)
-        noise = np.exp(some.error * random.standard_normal(chosen.size))
-        moved = np.where(some.is_below, some.sigma_m, some.sigma_m * noise)
-        found.append(
-            _parameters(
-                fit.name, CellSigmas(some.at, moved, some.error, some.is_below, some.station)
-            )
-        )
-    parameters = np.array(found)
-    shape = (angles_rad.size, z_m.size)
-    spread = np.array([_LAWS[fit.name].law(p, grid) for p in parameters])
-    spread *= np.exp(fit.misfit * random.standard_normal((len(spread), 1)))
-    low, high = np.quantile(spread, norm.cdf([-1.96, 1.96]), axis=0)
-    covariance = np.atleast_2d(np.cov(parameters.T))
-    sure = SigmaFit(fit.name, fit.parameters, covariance, fit.misfit, fit.held_out)
-    return sure, Bands(
-        z_m, angles_rad, fit.sigma_m(grid).reshape(shape), low.reshape(shape), high.reshape(shape)
-    )
-
-
-def _grid(z_m: Float64Array, angles_rad: Float64Array) -> Conditions:
-    angle, z = (axis.ravel() for axis in np.meshgrid(angles_rad, z_m, indexing="ij"))
-    return Conditions(z, angle / (np.pi / 2.0 - angle), np.zeros_like(z))

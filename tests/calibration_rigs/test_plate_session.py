@@ -11,10 +11,11 @@ import pytest
 
 import cli
 from calibration_rigs.errors import RigError
+from calibration_rigs.plate_rig.cell_checks import tape_doubt
 from calibration_rigs.plate_rig.command import Keyboard
 from calibration_rigs.plate_rig.manifest import CellEntry, Rig, read_manifest
 from calibration_rigs.plate_rig.recording import RoverCapture, SourceCapture
-from calibration_rigs.plate_rig.session import PlateSession, SessionPlan, tape_doubt
+from calibration_rigs.plate_rig.session import PlateSession, SessionPlan
 from calibration_rigs.plate_rig.session_state import Target, load_state, random_order
 from calibration_rigs.plate_rig.warm_up import judge_warm_up
 from drivers.errors import DriverError
