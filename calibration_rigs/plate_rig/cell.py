@@ -166,7 +166,9 @@ def analyse(frames: CellFrames, cell: CellEntry, rig: Rig) -> CellOutcome:
         deviations=spread.deviations,
         faults=(
             *view_faults(frames, found, plate, rig),
-            *shape_faults(residual_px, plane, found, cell, camera, spread.step_m, disparity_px_m),
+            *shape_faults(
+                residual_px, plane, found, cell, camera, spread.fit, spread.step_m, disparity_px_m
+            ),
             *tape_faults,
         ),
     )

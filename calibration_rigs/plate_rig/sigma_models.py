@@ -84,7 +84,8 @@ class SigmaFit:
         parameters: as above.
         covariance: of the parameters, from the bootstrap; zeros before it.
         misfit: root mean square of log(cell / law), over cells whose sigma is told.
-        held_out: the same for the cells of each station by a fit without that station.
+        held_out: the same for the cells of each station by a fit without that station; infinite
+            where too few stations tell sigma.
     """
 
     name: str
@@ -199,14 +200,14 @@ def fit_laws(cells: CellSigmas) -> list[SigmaFit]:
         and (name != "fankhauser" or cells.at.sun.any())
     ]
     fits = [_fitted(name, cells) for name in names]
-    best = min((fit.held_out for fit in fits), default=0.0)
-    return sorted(
-        fits,
-        key=lambda fit: (
-            fit.held_out > 1.05 * best + 1e-4,
-            fit.parameters.size if fit.held_out <= 1.05 * best + 1e-4 else fit.held_out,
-        ),
+    # Without a station to leave out, what fits best has to do.
+    scores = [fit.held_out if np.isfinite(fit.held_out) else 1.0 + fit.misfit for fit in fits]
+    near = 1.05 * min(scores, default=0.0) + 1e-4
+    order = sorted(
+        range(len(fits)),
+        key=lambda k: (scores[k] > near, fits[k].parameters.size, scores[k]),
     )
+    return [fits[k] for k in order]
 
 
 def _fitted(name: str, cells: CellSigmas) -> SigmaFit:
@@ -215,7 +216,8 @@ def _fitted(name: str, cells: CellSigmas) -> SigmaFit:
     held = []
     for station in np.unique(cells.station):
         rest, out = cells.some(cells.station != station), cells.some(cells.station == station)
-        if np.count_nonzero(~rest.is_below) >= parameters.size:
+        told = np.count_nonzero(~rest.is_below) >= parameters.size
+        if told and not out.is_below.all():
             held.append(_log_ratio(name, fit_parameters(name, rest), out))
     return SigmaFit(
         name,

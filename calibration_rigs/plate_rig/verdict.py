@@ -69,6 +69,9 @@ def verdict(result: PlateResult) -> list[str]:
         (
             f"The law {best.name!r} misses a station that it has not seen by {100.0 * share:.1f} % "
             f"of sigma: the calibration {good}."
+            if np.isfinite(share)
+            else f"Too few stations tell sigma to check the law {best.name!r} on one left out: use "
+            "it with care."
         ),
         _bias_sentence(result),
     ]

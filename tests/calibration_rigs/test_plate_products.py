@@ -240,6 +240,14 @@ def test_each_law_is_found_again_and_becomes_a_model(law: str) -> None:
     np.testing.assert_allclose(model.axial_sigma_m(z, 0.0 * z), expected, rtol=1e-6)
 
 
+def test_one_station_that_tells_sigma_is_no_check() -> None:
+    cells = _cells_of("disparity")
+    cells.is_below[cells.station > 0] = True
+    fits = fit_laws(cells)
+    assert not np.isfinite(fits[0].held_out)
+    assert fits[0].misfit == min(fit.misfit for fit in fits)
+
+
 def test_a_bound_pulls_down_only() -> None:
     bounded = fit_laws(_cells_of("disparity", below=True))
     law = next(fit for fit in bounded if fit.name == "disparity")
