@@ -163,13 +163,21 @@ def _world_grid(
 
 
 def depth_device(metadata: Mapping[str, Mapping[str, str]]) -> DeviceIdentity:
-    """Return which device a recording's depth frames come from, as far as it says so."""
+    """Return which device a recording's depth frames come from, as far as it says so.
+
+    Raises:
+        MappingError: what it says of its sources is not a JSON object.
+    """
     for name, text in metadata.get(METADATA_NAME, {}).items():
-        if name.startswith("source."):
-            identity = json.loads(text)
-            if "DepthFrame" in identity.get("produces", ()):
-                model, serial = (str(identity.get(key, "")) for key in ("model", "serial"))
-                return DeviceIdentity(model=model, serial=serial)
+        if not name.startswith("source."):
+            continue
+        try:
+            identity = dict(json.loads(text))
+        except (ValueError, TypeError) as error:
+            raise MappingError(f"the recording's {name} is not a JSON object: {error}") from error
+        if "DepthFrame" in identity.get("produces", ()):
+            model, serial = (str(identity.get(key, "")) for key in ("model", "serial"))
+            return DeviceIdentity(model=model, serial=serial)
     return DeviceIdentity()
 
 

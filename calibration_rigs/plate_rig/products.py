@@ -182,7 +182,8 @@ _COLUMNS: dict[str, Callable[[CellResult], str | float]] = {
     "still_share": lambda c: c.temporal.still_share,
     "lateral_sigma_px": lambda c: c.lateral_px if c.lateral_readings else "",
     "paper_column_sigma_m": lambda c: c.paper.column_sigma_m,
-    "paper_error_m": lambda c: c.paper.grid_mean_m - c.cell.distance_m,
+    # The paper measures it facing the plate only; else the grid's mean is not at the axis.
+    "paper_error_m": lambda c: "" if c.cell.angle_deg else c.paper.grid_mean_m - c.cell.distance_m,
     "faults": lambda c: "; ".join(fault.kind for fault in c.faults),
 }
 

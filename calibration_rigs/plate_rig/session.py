@@ -12,10 +12,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+from pydantic import ValidationError
+
 from calibration_rigs.errors import RigError
 from calibration_rigs.plate_rig.cell_checks import look_at, tape_doubt
 from calibration_rigs.plate_rig.frames import read_frames
-from calibration_rigs.plate_rig.manifest import CORNERS, CellEntry, Environment, Rig
+from calibration_rigs.plate_rig.manifest import (
+    CORNERS,
+    CellEntry,
+    Environment,
+    Rig,
+    first_fault,
+)
 from calibration_rigs.plate_rig.recording import Capture
 from calibration_rigs.plate_rig.session_state import (
     TABLE_NAME,
@@ -151,7 +159,8 @@ class PlateSession:
             f"Warm-up: put the plate at {nearest_m:.2f} m, facing the camera, and leave it. This "
             "takes ten minutes or more."
         )
-        if self._answer("Enter when it stands, 'skip' if the camera has been on for an hour:"):
+        question = "Enter when it stands, 'skip' if the camera has been on for an hour:"
+        if self._answer(question) == "skip":
             self._warm()
             return
         while True:
@@ -195,7 +204,14 @@ class PlateSession:
             save_state(self._folder, self.state)
 
     def _asked(self, target: Target) -> CellEntry:
-        """Ask for what is read off tape and meters."""
+        """Ask for what is read off tape and meters, until it can be."""
+        while True:
+            try:
+                return self._read_off(target)
+            except ValidationError as error:
+                self._operator.say(f"That cannot be: {first_fault(error)}.")
+
+    def _read_off(self, target: Target) -> CellEntry:
         corners = self._corners(target)
         last = self.state.cells[-1] if self.state.cells else None
         lux = self._number("Light in lux (Enter = as before):", last.lux if last else None)

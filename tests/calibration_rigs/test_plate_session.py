@@ -129,6 +129,16 @@ def test_a_camera_that_fails_is_tried_again(tmp_path: Path) -> None:
     assert {cell.lux for cell in session.state.cells} == {300.0}
 
 
+def test_what_cannot_be_is_asked_again(tmp_path: Path) -> None:
+    answers = iter(["-1 -1 -1", "nan 1 1", "far", "1 1 1", "quit"])
+    operator = Scripted(hour="skip", Tape=lambda _: next(answers), right="yes")
+    session = _session(tmp_path, Touch(), operator)
+    assert not session.run()
+    assert sum(text.startswith("That cannot be: corners_m") for text in operator.said) == 2
+    assert "Expected three numbers such as 1.002 1.001 1.003." in operator.said
+    assert len(session.state.cells) == 1
+
+
 def test_a_state_that_is_damaged_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "session.json").write_text('{"version": 1}')
     with pytest.raises(RigError, match=r"session\.json: seed: Field required; mend it, or move"):
