@@ -96,6 +96,7 @@ class Terminal:
         with Live(console=Console(stderr=True), auto_refresh=False) as live:
 
             def draw(table: Callable[[], Any], lines: Callable[[], list[str]]) -> None:
+                """Redraw the table in its place."""
                 del lines  # those are for a log
                 live.update(table(), refresh=True)
 
@@ -105,6 +106,7 @@ class Terminal:
         calls = itertools.count()
 
         def log(table: Callable[[], object], lines: Callable[[], list[str]]) -> None:
+            """Note the lines of every tenth state."""
             del table  # that is for a terminal
             if next(calls) % _LOG_EVERY == 0:
                 for line in lines():

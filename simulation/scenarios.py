@@ -109,6 +109,7 @@ def _moon(preset: str) -> Callable[[int, float], _World]:
     """Return a maker of lunar ground with a circle of 3 m around its rocks; Earth's gravity."""
 
     def make(seed: int, seconds: float) -> _World:
+        """Return a world with as many laps as the time allows."""
         terrain = lunar_terrain(preset, seed, extent=_MOON_EXTENT)
         lap = around_rocks(*circle(_CIRCLE_M, _CIRCLE_STEP_M), terrain.rocks)
         laps = math.ceil(seconds * _SPEED_M_S / (2.0 * math.pi * _CIRCLE_M))

@@ -135,7 +135,7 @@ def test_flipped_byte_is_reported_and_never_mapped_silently(
 def simulate(folder: Path) -> list[str]:
     """Return the arguments of a short simulated run into a folder."""
     files = ["-o", str(folder / "run.mcap"), "--truth", str(folder / "truth.nc")]
-    return ["simulate", "simulation", "--seed", "5", "--seconds", "4.5", *files]
+    return ["simulate", "simulation", "--seed", "5", "--seconds", "4", *files]
 
 
 def write_track(truth: Path, path: Path) -> Path:

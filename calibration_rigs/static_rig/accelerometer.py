@@ -76,6 +76,7 @@ def calibrate_accelerometer(
     unknowns = 9 if len(poses) >= _POSES_FOR_CROOKED_AXES else 6
 
     def misfit(scaled: Float64Array) -> Float64Array:
+        """Return how far the length of each calibrated force is from gravity, m/s^2."""
         force = _force(_complete(scaled) * unit, poses)
         return np.asarray(np.linalg.norm(force, axis=1) - gravity_m_s2)
 

@@ -124,6 +124,7 @@ def fit_allan(curve: AllanCurve) -> AllanFit:
     scale = np.min(curve.deviation[:, None] ** 2 / terms, axis=0)
 
     def misfit(squares: Float64Array) -> Float64Array:
+        """Return the differences of the log variances, in their standard deviations."""
         return np.asarray((np.log(terms @ (scale * squares)) - measured) * weight)
 
     best = least_squares(misfit, np.full(4, 0.5), bounds=(1e-12, np.inf), x_scale="jac")

@@ -113,6 +113,7 @@ def acceleration_stream(
     t_ns = settings.clock.stamps_ns(measured_ns, random)
 
     def make(index: int, sequence: int) -> Sample:
+        """Return that sample; specific force in the sensor's axes, m/s^2."""
         values = frozen_array(signal.acceleration_m_s2[index], (3,))
         return AccelerationSample(int(t_ns[index]), values, sequence)
 

@@ -46,6 +46,7 @@ def pose_stream(
     t_ns = system.clock.stamps_ns(measured_ns, random)
 
     def make(index: int, sequence: int) -> Sample:
+        """Return that pose; position in metres."""
         return PoseSample(
             int(t_ns[index]),
             frozen_array(position[index], (3,)),

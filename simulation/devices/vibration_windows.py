@@ -171,6 +171,7 @@ def vibration_stream(
     t_ns = sensor.clock.stamps_ns(measured_ns, random)
 
     def make(index: int, sequence: int) -> Sample:
+        """Return the sample of that window."""
         return VibrationSample(
             t_ns=int(t_ns[index]),
             amplitude=frozen_array(amplitude[index], (3,)),

@@ -99,6 +99,7 @@ def wheel_streams(
     complete_ns = frames_ns.reshape(-1, count)[:, sets.twist_frames - 1]
 
     def frame(index: int, sequence: int) -> Sample:
+        """Return that frame, counted over all sets."""
         which = index % count
         return CanFrameSample(
             int(frames_ns[index]),
@@ -112,6 +113,7 @@ def wheel_streams(
         )
 
     def twist(index: int, sequence: int) -> Sample:
+        """Return the twist of that set of frames; m/s and rad/s."""
         speed, yaw_rate, left, right = sets.twists[index]
         sigmas = _sigmas(yaw_rate)
         return WheelTwistSample(

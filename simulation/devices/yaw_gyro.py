@@ -81,6 +81,7 @@ def gyro_stream(
     t_ns = clock.stamps_ns(measured_ns, random)
 
     def make(index: int, sequence: int) -> Sample:
+        """Return that sample, as coarse as the chip's counts."""
         raw = int(counts[index])
         rate_rad_s = math.radians(raw * settings.deg_s_per_count)
         return YawRateSample(int(t_ns[index]), rate_rad_s, float(shown_c[index]), raw, sequence)

@@ -118,6 +118,7 @@ def _geotiff(path: Path) -> Iterator[_Raster]:
             y_m = (place.f + 0.5 * place.e + _positions(rows, place.e))[::-1]
 
             def read(along_y: slice, along_x: slice) -> Float64Array:
+                """Return heights in metres, south first; NaN where the file has none."""
                 lines = slice(rows - along_y.stop, rows - along_y.start)
                 pixels = file.read(1, window=Window.from_slices(lines, along_x), masked=True)
                 height_m = pixels.astype(np.float64) * file.scales[0] + file.offsets[0]

@@ -268,7 +268,7 @@ def nonsense(draw: st.DrawFn) -> tuple[MessageType, bytes]:
     return row, bytes(data) + draw(st.binary(max_size=8))
 
 
-@settings(max_examples=1500)
+@settings(max_examples=700)
 @given(nonsense())
 def test_nothing_but_stream_error_escapes_the_decoder(case: tuple[MessageType, bytes]) -> None:
     row, data = case

@@ -173,7 +173,7 @@ _ODD_VALUES = [
 ]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(data=st.data(), name=st.sampled_from(shipped_profiles()))
 def test_whatever_is_in_a_profile_it_is_reported_or_it_works(
     data: st.DataObject, name: str, tmp_path_factory: pytest.TempPathFactory

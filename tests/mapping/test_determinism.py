@@ -38,24 +38,20 @@ def fingerprint() -> str:
     return mapper.elevation_map().sha256()
 
 
-def _in_another_process(**environment: str) -> str:
+def test_another_process_with_kernels_for_a_plainer_processor_makes_the_same_map(
+    tmp_path: Path,
+) -> None:
+    """Shorter vectors, no fused multiply-add; and compiled from scratch, into an empty cache.
+
+    A process with this processor's kernels is compared in `tests/test_cli.py`.
+    """
     done = subprocess.run(
         [sys.executable, "-c", _PRINT],
         cwd=_ROOT,
-        env={**os.environ, **environment},
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_CPU_NAME": "generic"},
         capture_output=True,
         text=True,
         check=True,
     )
-    return done.stdout.strip()
-
-
-def test_another_process_makes_the_same_map() -> None:
-    assert _in_another_process() == fingerprint()
-
-
-def test_kernels_compiled_for_a_plainer_processor_make_the_same_map(tmp_path: Path) -> None:
-    """Shorter vectors, no fused multiply-add; and compiled from scratch, into an empty cache."""
-    found = _in_another_process(NUMBA_CACHE_DIR=str(tmp_path), NUMBA_CPU_NAME="generic")
-    assert found == fingerprint()
+    assert done.stdout.strip() == fingerprint()
     assert any(tmp_path.rglob("*.nbi"))

@@ -13,6 +13,7 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mapping.cells.elevation_map import CellState
 from mapping.errors import MappingError
 from mapping.ground.layers import LayerSettings, derive
 from mapping.output.map_file import read_map, write_map
@@ -40,18 +41,15 @@ def test_a_map_comes_back_bit_for_bit(path: Path) -> None:
             assert getattr(again, item.name).dtype == value.dtype
 
 
-@settings(max_examples=15, deadline=None)
-@given(
-    bits=st.lists(st.integers(0, 2**32 - 1), min_size=6, max_size=6),
-    stamp_ns=st.integers(-(2**63), 2**63 - 1),
-)
-def test_every_bit_pattern_survives(
-    tmp_path_factory: pytest.TempPathFactory, bits: list[int], stamp_ns: int
-) -> None:
-    heights = np.array(bits, np.uint32).view(np.float32).reshape(2, 3)
-    map_ = make_map(np.zeros((2, 3)))
-    map_ = replace(map_, elevation_m=heights, last_seen_ns=np.full((2, 3), stamp_ns, np.int64))
-    path = tmp_path_factory.mktemp("bits") / "map.nc"
+def test_every_bit_pattern_survives(path: Path) -> None:
+    """Every sign and exponent with four fractions, NaN payloads among them; stamps of any size."""
+    fractions = np.array([0, 0x400001, 0x6AAAAA, 0x7FFFFF], np.uint32)  # no NaN that signals
+    bits = (np.arange(512, dtype=np.uint32) << 23)[:, np.newaxis] | fractions
+    map_ = make_map(np.zeros(bits.shape), state=CellState.UNKNOWN)  # no layers of such heights
+    random = np.random.default_rng(1)
+    stamps_ns = random.integers(-(2**63), 2**63, bits.shape, dtype=np.int64)
+    stamps_ns[0] = [-(2**63), -1, 0, 2**63 - 1]
+    map_ = replace(map_, elevation_m=bits.view(np.float32), last_seen_ns=stamps_ns)
     write_map(map_, path)
     assert read_map(path).sha256() == map_.sha256()
 
@@ -146,17 +144,24 @@ def test_a_rewritten_file_with_other_heights_is_refused(path: Path) -> None:
         read_map(path)
 
 
+@pytest.fixture(scope="module")
+def small_file(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """Return the bytes of a map of 4 x 5 cells."""
+    path = tmp_path_factory.mktemp("small") / "map.nc"
+    write_map(make_map(np.zeros((4, 5))), path)
+    return path.read_bytes()
+
+
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
 def test_any_flipped_byte_is_noticed(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+    small_file: bytes, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
-    path = tmp_path_factory.mktemp("flip") / "map.nc"
-    write_map(make_map(np.zeros((4, 5))), path)
-    content = bytearray(path.read_bytes())
+    content = bytearray(small_file)
     # Inside the seal's mark the seal itself is gone; the arrays' own sum then vouches for them.
     place = data.draw(st.integers(8, len(content) - 83))
     content[place] ^= data.draw(st.integers(1, 255))
+    path = tmp_path_factory.mktemp("flip") / "map.nc"
     path.write_bytes(content)
     with pytest.raises(MappingError, match="damaged"):
         read_map(path)

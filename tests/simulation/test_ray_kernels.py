@@ -43,7 +43,8 @@ def test_hits_are_on_the_ground_and_nothing_is_hit_before() -> None:
 
 
 @pytest.mark.parametrize(
-    "ray", [(0.0, 0.0, -1.0), (1.0, 0.0, -0.2), (0.0, -1.0, -0.2), (1.0, 1.0, -0.2), (-1, -1, -0.3)]
+    "ray",
+    [(0.0, 0.0, -1.0), (1.0, 0.0, -0.2), (0.0, -1.0, -0.2), (1.0, 1.0, -0.2), (-1.0, -1.0, -0.3)],
 )
 @pytest.mark.parametrize("start", [(20.0, 20.0), (20.0, 20.5), (20.5, 20.0), (16.0, 16.0)])
 def test_rays_along_edges_and_diagonals_find_the_ground(
@@ -57,6 +58,7 @@ def test_rays_along_edges_and_diagonals_find_the_ground(
 def test_a_level_ray_hits_only_what_stands_in_its_way() -> None:
     heights = np.zeros((9, 40), np.float32)
     heights[:, 30] = 1.0
+    heights.flags.writeable = False  # as a grid's; others would be compiled for again
     highest = block_maxima(heights)
     assert first_hit(heights, highest, (2.0, 4.2, 0.5), (1.0, 0.0, 0.0), 99.0) == 27.5
     assert first_hit(heights, highest, (2.0, 4.2, 1.5), (1.0, 0.0, 0.0), 99.0) < 0.0
@@ -66,6 +68,7 @@ def test_a_level_ray_hits_only_what_stands_in_its_way() -> None:
 
 def test_nothing_is_seen_from_below_or_beside() -> None:
     heights = np.zeros((20, 20), np.float32)
+    heights.flags.writeable = False
     highest = block_maxima(heights)
     assert first_hit(heights, highest, (5.0, 5.0, -0.1), (0.1, 0.0, 1.0), 99.0) < 0.0
     assert first_hit(heights, highest, (-5.0, 5.0, -0.1), (1.0, 0.0, -0.01), 99.0) < 0.0
@@ -76,6 +79,7 @@ def test_nothing_is_seen_from_below_or_beside() -> None:
 @pytest.mark.parametrize("shape", [(2, 2), (17, 18), (33, 16), (50, 3)])
 def test_block_maxima_cover_their_edges(shape: tuple[int, int]) -> None:
     heights = np.random.default_rng(1).normal(size=shape).astype(np.float32)
+    heights.flags.writeable = False
     highest = block_maxima(heights)
     for r, c in np.ndindex(*highest.shape):
         rows = slice(r * BLOCK_SQUARES, (r + 1) * BLOCK_SQUARES + 1)
