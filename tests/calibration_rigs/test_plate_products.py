@@ -272,6 +272,7 @@ def test_the_mapper_finds_a_device_s_calibration_and_refuses_another_s(tmp_path:
             "model": {"name": name, "axial_offset_m": 0.001},
         }
         (tmp_path / f"{name}.json").write_text(json.dumps(content))
+    (tmp_path / "inertial.json").write_text('{"schema": "terravibe/inertial"}')
     found = calibration_for(tmp_path, DeviceIdentity(serial="B2"))
     assert found is not None
     assert found.model.name == "b"
