@@ -32,12 +32,15 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_info(options: argparse.Namespace, console: Console) -> int:
-    """Say what a recording or a map holds."""
-    if options.file.suffix == ".nc":
+    """Say what a recording, a map or a world holds."""
+    is_world = (options.file / "zarr.json").exists()
+    if is_world or options.file.suffix == ".nc":
         from mapping.output.map_file import read_map
         from mapping.output.map_summary import summarise
+        from mapping.world.world_map import read_world
 
-        show(console, summarise(read_map(options.file)), as_json=options.json)
+        map_ = read_world(options.file) if is_world else read_map(options.file)
+        show(console, summarise(map_), as_json=options.json)
     else:
         from acquisition.inspection import inspect
 

@@ -13,7 +13,7 @@ from mapping.cells import relief_kernels, update_kernels
 from mapping.cells.elevation_map import read_out
 from mapping.cells.grid import GrowingGrid
 from mapping.cells.update_constants import fusion_constants
-from mapping.change import overhang, own_body, visibility
+from mapping.change import hidden, overhang, own_body, visibility
 from mapping.change.visibility import clear_seen_through, sight_of
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.ground import fill_kernels, layer_kernels
@@ -30,6 +30,7 @@ _ENTRY_POINTS = (
     own_body.drop_readings,
     overhang.drop_readings,
     visibility.look_through,
+    hidden.mark_jumps,
     relief_kernels.surrounding_relief,
     layer_kernels.plane_layers,
     layer_kernels.step_heights,
@@ -87,6 +88,7 @@ def compile_kernels() -> None:
     overhang.drop_overhangs(reducer.readings, view, constants, grid.layers, settings)
     sight = sight_of(camera, NGUYEN_2012, view, 1)
     clear_seen_through(np.full((12, 16), 1000, np.uint16), sums, constants, sight, grid.layers)
+    hidden.mark_hidden(reducer.readings, view, constants, sight, grid.layers.hidden)
     update_kernels.fuse(sums, constants, fusion_constants(settings), grid.layers)
     map_ = read_out(grid, settings, {})
     derive(map_)

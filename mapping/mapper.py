@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from acquisition.messages.codec import Recordable
 from acquisition.messages.frames import (
@@ -22,6 +24,7 @@ from mapping.cells.elevation_map import ElevationMap, read_out
 from mapping.cells.grid import CellWindow, Grid, make_grid
 from mapping.cells.update_constants import FrameConstants, fusion_constants
 from mapping.cells.update_kernels import fuse
+from mapping.change.hidden import mark_hidden
 from mapping.change.overhang import drop_overhangs
 from mapping.change.own_body import drop_own_body
 from mapping.change.visibility import clear_seen_through, sight_of
@@ -32,6 +35,8 @@ from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
 from mapping.pose_track import PoseTrack
 from mapping.settings import MapSettings
+
+FloatArray = TypeVar("FloatArray", NDArray[np.float32], NDArray[np.float64])
 
 # A depth frame waits this long, in stream time, for a pose that surrounds it.
 _POSE_WAIT_NS = 2_000_000_000
@@ -183,8 +188,7 @@ class Mapper:
             reducer.frame_constants(view, window, self._grid.position(window))
             for reducer in reducers
         ]
-        seen = sums[0] if len(sums) == 1 else sum(sums, np.zeros_like(sums[0]))
-        self._clear_seen_through(frame, view, seen, constants[0])
+        self._look_around(frame, view, _together(sums), constants[0])
         for part, constant in zip(sums, constants, strict=True):
             result = fuse(part, constant, self._fusion, self._grid.layers)
             self.counts.updates += result.cells
@@ -224,16 +228,20 @@ class Mapper:
         self.counts.readings_overhanging += dropped
         return dropped
 
-    def _clear_seen_through(
+    def _look_around(
         self, frame: DepthFrame, view: View, sums: Float64Array, constants: FrameConstants
     ) -> None:
-        """Forget cells that this frame, as others before it, has looked through."""
+        """Forget cells that frames have looked through; mark those that are hidden from this."""
         limit = self.settings.seen_through_frames
         if limit:
+            layers = self._grid.layers
             sight = sight_of(frame.camera, self.noise, view, limit)
             self.counts.cleared += clear_seen_through(
-                frame.depth_mm, sums, constants, sight, self._grid.layers
+                frame.depth_mm, sums, constants, sight, layers
             )
+            whole = _together([reducer.readings.z_m for reducer in self._reducers])
+            readings = self._reducers[0].readings._replace(z_m=whole)
+            mark_hidden(readings, view, constants, sight, layers.hidden)
 
     def _reducers_for(self, camera: CameraIntrinsics) -> list[FrameReducer]:
         if not self._reducers or self._reducers[0].camera != camera:
@@ -281,3 +289,8 @@ def _around(
     above = float(np.nextafter(np.float32(noise.range_max_m), np.float32(np.inf)))
     parts = [(wanted.range_min_m, below), (above, wanted.range_max_m)]
     return [fallback.with_range(low, high) for low, high in parts if low < high]
+
+
+def _together(parts: list[FloatArray]) -> FloatArray:
+    """Return the sum of what reducers of separate distances hold; that of one is not copied."""
+    return parts[0] if len(parts) == 1 else np.sum(parts, axis=0, dtype=parts[0].dtype)

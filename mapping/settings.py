@@ -68,7 +68,7 @@ class MapSettings:
             3-sigma bounds of "measured" cells within +-4.5 cm, below a small rover's clearance.
         pose_gap_max_s: poses are not interpolated across a longer gap; such frames are left out.
         seen_through_frames: frames whose rays pass through a cell after which it is forgotten;
-            0 = never, see `mapping.change.visibility`.
+            0 = never, and hidden cells are not marked either; see `mapping.change`.
         overhang_clearance_m: readings higher than this above their cell's lowest surface are
             dropped; 0 = never, see `mapping.change.overhang`.
         body_boxes_m: boxes around the rover's own parts, in the rover frame, each as (x_min,

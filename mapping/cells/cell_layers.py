@@ -23,6 +23,7 @@ class CellLayers(NamedTuple):
     often it was confirmed. frames, pixels: accepted measurements and the pixels in them, which
     stop counting at 2^32 - 1. last_ns: stamp of the last one, meaningless while frames is 0.
     seen_through: frames whose rays passed through the cell, less those with a reading in it.
+    hidden: 1 where something nearer hid the cell from a view of it; of interest until it is seen.
 
     Heights are float64: far above the origin the small steps of late updates would vanish in
     float32, whose steps are 1 mm at 10 km.
@@ -42,6 +43,7 @@ class CellLayers(NamedTuple):
     pixels: NDArray[np.uint32]
     last_ns: NDArray[np.int64]
     seen_through: NDArray[np.uint8]
+    hidden: NDArray[np.uint8]
 
 
 def empty_layers(rows: int, columns: int) -> CellLayers:
@@ -62,6 +64,7 @@ def empty_layers(rows: int, columns: int) -> CellLayers:
         pixels=np.zeros(shape, np.uint32),
         last_ns=np.zeros(shape, np.int64),
         seen_through=np.zeros(shape, np.uint8),
+        hidden=np.zeros(shape, np.uint8),
     )
 
 

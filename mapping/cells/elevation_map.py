@@ -28,6 +28,7 @@ class CellState(IntEnum):
     MEASURED = 2  # confirmed, and known better than MapSettings.uncertain_sigma_m
     UNCERTAIN = 3  # confirmed, but known no better than that
     FILLED = 4  # never seen: a guess between the rims of a gap, see mapping.ground.fill
+    OCCLUDED = 5  # never seen, hidden behind something nearer; a height is a guess as of FILLED
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +81,7 @@ class ElevationMap:
     @property
     def known(self) -> NDArray[np.bool_]:
         """Cells that have a height."""
-        known: NDArray[np.bool_] = self.state != CellState.UNKNOWN
+        known: NDArray[np.bool_] = np.isfinite(self.elevation_m)
         return known
 
     def sha256(self) -> str:
@@ -145,7 +146,7 @@ def read_out(
         frames=layers.frames,
         pixels=layers.pixels,
         last_seen_ns=np.where(seen, layers.last_ns, 0),
-        state=_states(layers.frames, few, variance, settings),
+        state=_states(layers, few, variance, settings),
         attributes=attributes,
     )
 
@@ -200,7 +201,7 @@ def _neighbours(axis: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
 
 
 def _states(
-    frames: NDArray[np.uint32],
+    layers: CellLayers,
     few: NDArray[np.bool_],
     variance: Float32Array,
     settings: MapSettings,
@@ -209,4 +210,5 @@ def _states(
     vague = variance >= settings.uncertain_sigma_m**2
     state = np.where(vague, CellState.UNCERTAIN, CellState.MEASURED)
     state = np.where(few, CellState.UNCONFIRMED, state)
-    return np.where(frames == 0, CellState.UNKNOWN, state).astype(np.uint8)
+    unseen = np.where(layers.hidden > 0, CellState.OCCLUDED, CellState.UNKNOWN)
+    return np.where(layers.frames == 0, unseen, state).astype(np.uint8)

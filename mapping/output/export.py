@@ -24,6 +24,8 @@ _LOCAL_CRS = (
 # Value 0 of the PNG means unknown; heights take 1 to 65535.
 _PNG_LAST = 65535
 _PNG_SCALE_MIN_M = 1e-6
+# Guesses are part of a mesh, flying pixels are not.
+_IN_MESH = (*CONFIRMED, CellState.FILLED, CellState.OCCLUDED)
 
 
 def export(map_: ElevationMap, path: Path) -> None:
@@ -129,7 +131,7 @@ _TRIANGLE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 def _triangles(map_: ElevationMap) -> NDArray[np.int64]:
     """Return vertex numbers (n, 3): two triangles per square, one where a corner is missing."""
     number = np.cumsum(map_.known).reshape(map_.state.shape) - 1
-    number[~np.isin(map_.state, (*CONFIRMED, CellState.FILLED))] = -1
+    number[~(np.isin(map_.state, _IN_MESH) & map_.known)] = -1
     # Corners of every square, counter-clockwise from the smallest x and y.
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
     cut_bd = (a < 0) | (c < 0)  # the diagonal a-c is not there: cut along b-d

@@ -22,6 +22,7 @@ _STATE_COLOURS = {
     CellState.MEASURED: "#0072B2",
     CellState.UNCERTAIN: "#F0E442",
     CellState.FILLED: "#CC79A7",
+    CellState.OCCLUDED: "0.3",
 }
 _SIGMA_TICKS_MM = np.array([0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])
 # Colours span this share of the values, so that one flying pixel does not flatten the rest.

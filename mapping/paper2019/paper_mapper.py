@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,13 @@ from mapping.paper2019.faults import describe_faults
 from mapping.settings import MapSettings
 
 Float64Array = NDArray[np.float64]
+
+# Parts of a map's variance that the paper does not know: 0.
+_OTHER_PARTS = tuple(
+    item.name
+    for item in fields(ElevationMap)
+    if item.name.endswith("_m2") and item.name not in {"variance_m2", "independent_m2"}
+)
 
 
 class PaperMapper(Mapper):
@@ -59,7 +68,7 @@ class PaperMapper(Mapper):
         box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
         seen, frames, pixels = seen[box], cells.frames[box], cells.pixels[box]
         variance = np.where(seen, cells.covariance_m2[..., 2, 2][box], np.nan).astype(np.float32)
-        nothing = np.where(seen, np.float32(0.0), np.float32(np.nan))
+        nothing: Any = np.where(seen, np.float32(0.0), np.float32(np.nan))
         few = (frames < self.settings.confirmed_frames) | (pixels < self.settings.confirmed_pixels)
         vague = variance >= self.settings.uncertain_sigma_m**2
         state = np.select(
@@ -74,8 +83,7 @@ class PaperMapper(Mapper):
             elevation_m=np.where(seen, cells.height_m[box], np.nan).astype(np.float32),
             variance_m2=variance,
             independent_m2=variance,
-            systematic_m2=nothing,
-            relief_m2=nothing,
+            **dict.fromkeys(_OTHER_PARTS, nothing),
             frames=frames,
             pixels=pixels,
             last_seen_ns=cells.last_ns[box],

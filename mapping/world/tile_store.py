@@ -49,7 +49,7 @@ class TileStore:
 
         Args:
             path: a folder that is not there yet, or is empty.
-            about: JSON values that say how the map is made, see `about`; `resolution_m` is one.
+            about: JSON values that say how the map is made; see `mapping.world.world_map`.
 
         Raises:
             MappingError: zarr is missing, there is something at `path`, or it cannot be written.
@@ -125,8 +125,8 @@ class TileStore:
             planes = self._array[self._place(tile)]
         except (RuntimeError, ValueError, OSError) as error:
             raise MappingError(
-                f"{self._file(tile)} is damaged ({str(error).splitlines()[0]}); take it from a "
-                "backup, or delete it to go on without that tile"
+                f"{self._file(tile)} is damaged ({error}); take it from a backup, or delete it to "
+                "go on without that tile"
             ) from error
         return from_planes(np.asarray(planes))
 

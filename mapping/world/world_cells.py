@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from mapping.cells.cell_layers import CellLayers, copy_cells, empty_layers
 from mapping.cells.grid import CellWindow
 from mapping.world.tile_store import TileStore
-from mapping.world.tiles import TILE_CELLS, Tile, shares, tiles_of
+from mapping.world.tiles import TILE_CELLS, Place, Tile, shares, tiles_of
 
 
 class WorldCells:
@@ -24,7 +26,7 @@ class WorldCells:
         """Take a block of cells; layers (window.cells_y, window.cells_x)."""
         for tile, inside, outside in shares(window):
             known = self._tile(tile)
-            if layers.frames[outside].any() or known.frames[inside].any():
+            if _differ(layers, outside, known, inside):
                 copy_cells(layers, outside, known, inside)
                 self._changed.add(tile)
 
@@ -61,3 +63,9 @@ class WorldCells:
         if tile in self._changed:
             self._store.write(tile, self._tiles[tile])
             self._changed.discard(tile)
+
+
+def _differ(some: CellLayers, here: Place, others: CellLayers, there: Place) -> bool:
+    """Tell whether any layer of the cells at the two places differs."""
+    pairs = zip(some._asdict().values(), others._asdict().values(), strict=True)
+    return any(not np.array_equal(one[here], other[there]) for one, other in pairs)

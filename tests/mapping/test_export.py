@@ -13,6 +13,7 @@ from PIL import Image
 from mapping.cells.elevation_map import CellState
 from mapping.errors import MappingError
 from mapping.ground.layers import derive
+from mapping.judging.evaluation import CONFIRMED
 from mapping.output.export import export
 from tests.mapping.maps import hilly_map, make_map
 
@@ -74,7 +75,7 @@ def test_a_ply_holds_the_known_cells(tmp_path: Path) -> None:
     np.testing.assert_array_equal(vertices["z"], map_.elevation_m[map_.known])
     np.testing.assert_array_equal(vertices["sigma"], map_.sigma_m[map_.known])
     np.testing.assert_array_equal(vertices["state"], map_.state[map_.known])
-    assert (vertices["state"][faces] >= CellState.MEASURED).all()
+    assert np.isin(vertices["state"][faces], CONFIRMED).all()
 
 
 def test_every_triangle_faces_up_and_they_tile_the_map(tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ def test_states_are_counted() -> None:
     labels = [text.get_text() for text in bar.get_yticklabels()]
     assert labels == [
         *("unknown\n1 cells", "unconfirmed\n0 cells", "measured\n2 cells"),
-        *("uncertain\n0 cells", "filled\n0 cells"),
+        *("uncertain\n0 cells", "filled\n0 cells", "occluded\n0 cells"),
     ]
 
 

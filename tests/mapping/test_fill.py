@@ -78,6 +78,23 @@ def test_a_diagonal_gap_is_measured_along_its_diagonal() -> None:
     assert gap_cells(EDGE_M, EDGE_M).tolist() == [1, 0]
 
 
+def test_a_gap_in_a_shadow_stays_marked_and_is_trusted_less() -> None:
+    heights = np.nan_to_num(_rough(1, (3, 90)))
+    heights[:, 30:33] = heights[:, 60:63] = NAN
+    open_gaps = make_map(heights)
+    state = open_gaps.state.copy()
+    state[:, 30:33] = CellState.OCCLUDED
+    found, plain = fill_gaps(make_map(heights, state=state), 0.2), fill_gaps(open_gaps, 0.2)
+    np.testing.assert_array_equal(found.elevation_m, plain.elevation_m)
+    assert (found.state[:, 30:33] == CellState.OCCLUDED).all()
+    assert (found.state[:, 60:63] == CellState.FILLED).all()
+    ratio = found.relief_m2[:, 30:63] / plain.relief_m2[:, 30:63]
+    np.testing.assert_allclose(ratio[:, :3], 6.25, rtol=1e-6)
+    np.testing.assert_allclose(ratio[:, 30:], 1.0)
+    total = found.independent_m2 + found.systematic_m2 + found.relief_m2
+    np.testing.assert_array_equal(found.variance_m2[:, 30:33], total[:, 30:33])
+
+
 def test_nothing_is_extrapolated() -> None:
     heights = np.full((20, 20), NAN)
     heights[5:15, 5:15] = np.random.default_rng(1).normal(size=(10, 10))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from drivers.samples import DepthFrame, PoseSample
-from mapping.cells.elevation_map import CellState
+from mapping.judging.evaluation import CONFIRMED
 from mapping.mapper import Mapper
 from mapping.noise import DepthNoiseModel
 from mapping.settings import MapSettings
@@ -57,7 +57,7 @@ def _measured(z_m: Float64Array, random: np.random.Generator) -> NDArray[np.uint
 def _anees(mapper: Mapper) -> float:
     """Return the mean of (height / sigma)^2 of a map of the floor z = 0."""
     map_ = mapper.elevation_map()
-    confirmed = map_.state >= CellState.MEASURED
+    confirmed = np.isin(map_.state, CONFIRMED)
     assert confirmed.sum() > 50
     return float(np.mean(map_.elevation_m[confirmed] ** 2 / map_.variance_m2[confirmed]))
 

@@ -10,9 +10,9 @@ import pytest
 
 from drivers.samples import DepthFrame
 from mapping.calibration_file import parse_noise
-from mapping.cells.elevation_map import CellState, ElevationMap
+from mapping.cells.elevation_map import ElevationMap
 from mapping.judging.accuracy import Accuracy, accuracy
-from mapping.judging.evaluation import edge_cells
+from mapping.judging.evaluation import CONFIRMED, edge_cells
 from mapping.judging.truth import Truth, evaluate_truth
 from mapping.mapper import Mapper, MapperCounts
 from mapping.settings import MapSettings
@@ -54,7 +54,7 @@ def _errors(run: Run) -> tuple[np.ndarray, np.ndarray]:
     """Return error and sigma of the confirmed cells, edges apart."""
     map_ = run.map
     truth = run.drive.terrain.height_m(map_.x_m[np.newaxis, :], map_.y_m[:, np.newaxis])
-    counted = (map_.state >= CellState.MEASURED) & ~edge_cells(truth, 1.2 * map_.resolution_m)
+    counted = np.isin(map_.state, CONFIRMED) & ~edge_cells(truth, 1.2 * map_.resolution_m)
     error = map_.elevation_m.astype(np.float64) - truth
     return error[counted], map_.sigma_m[counted].astype(np.float64)
 

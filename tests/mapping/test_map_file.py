@@ -75,8 +75,8 @@ def test_a_plain_reader_sees_conventional_names_units_and_flags(path: Path) -> N
             assert variable.attrs["units"]
             assert variable.attrs["long_name"]
         state = dataset["state"].attrs
-        assert list(state["flag_values"]) == [0, 1, 2, 3, 4]
-        assert state["flag_meanings"] == "unknown unconfirmed measured uncertain filled"
+        assert list(state["flag_values"]) == [0, 1, 2, 3, 4, 5]
+        assert state["flag_meanings"] == "unknown unconfirmed measured uncertain filled occluded"
         assert dataset["time"].dtype == np.int64
         assert dataset["time"].values.max() == EPOCH_NS
         np.testing.assert_array_equal(dataset["upper"].values, map_.upper_m)

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from acquisition.messages.frames import StaticTransforms
 from drivers.samples import AccelerationSample, CameraIntrinsics, Sample, frozen_array
-from mapping.cells.elevation_map import CellState
 from mapping.errors import MappingError
+from mapping.judging.evaluation import CONFIRMED
 from mapping.mapper import Mapper
 from mapping.noise import NGUYEN_2012, DepthNoiseModel
 from mapping.settings import MapSettings
@@ -41,7 +41,7 @@ def _pairs(count: int) -> list[Sample]:
 def test_a_floor_is_mapped_at_its_height() -> None:
     mapper = _mapper(*_pairs(5))
     map_ = mapper.elevation_map()
-    confirmed = map_.state >= CellState.MEASURED
+    confirmed = np.isin(map_.state, CONFIRMED)
     assert confirmed.sum() > 200
     # Millimetres of depth: half a millimetre along the ray is less in height.
     assert np.abs(map_.elevation_m[confirmed]).max() < 0.0006
@@ -166,7 +166,7 @@ def test_the_camera_may_change_in_the_middle_of_a_stream() -> None:
     assert mapper.counts.frames == 4
     assert mapper.counts.readings_outside == 0
     assert mapper.counts.rejected == 0
-    confirmed = map_.state >= CellState.MEASURED
+    confirmed = np.isin(map_.state, CONFIRMED)
     assert np.abs(map_.elevation_m[confirmed]).max() < 0.0006
 
 

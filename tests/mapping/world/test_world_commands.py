@@ -19,7 +19,7 @@ from tests.mapping.scenes import mount
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recorded") / "run.mcap"
     record_all(
-        IdealDrive(2, 0.5),
+        IdealDrive(2, 0.2),
         path,
         static_transforms=mount().transforms,
         settings={"depth_noise": IDEAL_CAMERA_NOISE},
@@ -42,6 +42,9 @@ def test_a_recording_becomes_a_world_and_a_part_of_it_a_map(
     assert cli.main(_words("map", recording, "-o", plain)) == 0
     assert cli.main(_words("export", world, "-o", part)) == 0
     assert read_map(part).sha256() == read_map(plain).sha256()
+    capsys.readouterr()
+    assert cli.main(_words("info", world, "--json")) == 0
+    assert json.loads(capsys.readouterr().out)["sha256"] == read_map(plain).sha256()
     window = _words("export", world, "--window", 1, -0.5, 1.5, 0.5, "-o", tmp_path / "part.tif")
     assert cli.main(window) == 0
     assert (tmp_path / "part.tif").stat().st_size > 1000

@@ -147,6 +147,28 @@ def test_memory_holds_no_more_than_the_tiles_around_the_window(tmp_path: Path) -
         assert len(store.tiles()) >= 15
 
 
+def test_tiles_that_did_not_change_are_not_written_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[object] = []
+    whole_write = TileStore.write
+
+    def write(self: TileStore, tile: tuple[int, int], layers: CellLayers) -> None:
+        written.append(tile)
+        whole_write(self, tile, layers)
+
+    monkeypatch.setattr(TileStore, "write", write)
+    with TileStore.create(tmp_path / "w", ABOUT) as store:
+        grid = WorldGrid(SMALL, store)
+        visit(grid, 20, 20, 1)
+        grid.save()
+        grid.save()
+        for x in (400, 20):
+            grid.prepare(CellWindow(x, 20, 1, 1), x * CELL_M, 20 * CELL_M)
+        grid.save()
+    assert written == [(0, 0)]
+
+
 def test_a_cell_that_was_forgotten_stays_forgotten(tmp_path: Path) -> None:
     with TileStore.create(tmp_path / "w", ABOUT) as store:
         grid = WorldGrid(SMALL, store)
