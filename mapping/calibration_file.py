@@ -7,22 +7,27 @@
 The keys of "model" are the attributes of `mapping.noise.DepthNoiseModel`. Unknown keys are
 refused; absent keys of "model" and "device" keep their defaults, but a file that does not say its
 schema and version is refused: it may be of any. Validity is the range of the model.
+
+Version 2 adds "measured": how the model came about, what it is worth, and the box of distances,
+angles and conditions in which it holds.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from mapping.errors import MappingError
+from mapping.files import read_whole
 from mapping.noise import PRESETS, DepthNoiseModel, constant_noise
 
 # Far beyond any sensor; the kernels square these numbers in float32.
 _LARGEST = 1e6
+_SCHEMA: Final = "terravibe/depth-noise"
 _NotNegative = Annotated[float, Field(ge=0.0, le=_LARGEST, allow_inf_nan=False)]
 _Finite = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST, allow_inf_nan=False)]
 _Positive = Annotated[float, Field(gt=0.0, le=_LARGEST, allow_inf_nan=False)]
@@ -60,17 +65,109 @@ class NoiseCoefficients(_Strict):
     range_max_m: _Positive = 4.0
 
 
+class ValidityBox(_Strict):
+    """Where the model was measured; None = nobody measured that."""
+
+    range_min_m: _Positive
+    range_max_m: _Positive
+    incidence_max_rad: _NotNegative
+    lux_min: _NotNegative | None = None
+    lux_max: _NotNegative | None = None
+    temperature_min_c: _Finite | None = None
+    temperature_max_c: _Finite | None = None
+
+
+class Measured(_Strict):
+    """How a model was measured.
+
+    Attributes:
+        validity: where it holds.
+        environment: indoor or outdoor.
+        law, parameters, covariance: the fitted law of sigma(z, theta) as the rig names it.
+        held_out_share: how far it misses a station that it has not seen; 0.02 = 2 %.
+        bias_covariance: of the bias coefficients b0, b1, b2.
+        tape_zero_sigma_m: what all tape readings share.
+        cells, frames: used.
+        effective_readings: median over the cells of N_eff, the independent readings that would
+            tell sigma as well.
+        disparity_px_m, disparity_step_px: focal length times baseline, and the step.
+        intrinsics_px: fx, fy, cx, cy. size_px: width, height.
+        raw_sha256: of the recordings.
+        software: what made the file.
+    """
+
+    validity: ValidityBox
+    environment: str
+    law: str
+    parameters: tuple[_Finite, ...] = Field(strict=False)
+    covariance: tuple[tuple[float, ...], ...] = Field(strict=False)
+    held_out_share: _NotNegative
+    bias_covariance: tuple[tuple[float, ...], ...] = Field(strict=False)
+    tape_zero_sigma_m: _NotNegative
+    cells: int
+    frames: int
+    effective_readings: _NotNegative
+    disparity_px_m: _Positive
+    disparity_step_px: _Positive
+    intrinsics_px: tuple[float, float, float, float] = Field(strict=False)
+    size_px: tuple[int, int] = Field(strict=False)
+    raw_sha256: str
+    software: str
+
+
 class NoiseFile(_Strict):
     """The whole file."""
 
     schema_name: Literal["terravibe/depth-noise"] = Field(alias="schema")
-    version: Literal[1]
+    version: Literal[1, 2]
     device: DeviceIdentity = DeviceIdentity()
     model: NoiseCoefficients
+    measured: Measured | None = None
+
+    @model_validator(mode="after")
+    def _has_its_version(self) -> Self:
+        if (self.measured is not None) != (self.version == 2):
+            raise ValueError('version 2 has "measured", version 1 has not')
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """What a file holds.
+
+    Attributes:
+        model: its range is the one in which it holds.
+        device: which one it was measured on; empty when the file does not say.
+        measured: how; None for a file that was written by hand.
+        where: the file's name, for messages.
+    """
+
+    model: DepthNoiseModel
+    device: DeviceIdentity
+    measured: Measured | None
+    where: str
+
+    def check_device(self, found: DeviceIdentity) -> None:
+        """Refuse the depth camera of a recording that is not the one that was measured.
+
+        Raises:
+            MappingError: both serial numbers are known, and they differ.
+        """
+        if self.device.serial and found.serial and self.device.serial != found.serial:
+            raise MappingError(
+                f"{self.where} was measured on {self.device.model} {self.device.serial}, the "
+                f"recording is of {found.model} {found.serial}; calibrate that device, or give "
+                "--noise kinect-v1"
+            )
 
 
 def parse_noise(text: str, where: str) -> DepthNoiseModel:
-    """Return the model in the JSON `text`; `where` names it in errors.
+    """Return the model in the JSON `text`; see `parse_calibration`."""
+    return parse_calibration(text, where).model
+
+
+def parse_calibration(text: str, where: str) -> Calibration:
+    """Return what the JSON `text` holds; `where` names it in errors.
 
     Raises:
         MappingError: not JSON, not this schema or version, or an impossible value.
@@ -79,14 +176,18 @@ def parse_noise(text: str, where: str) -> DepthNoiseModel:
         found = NoiseFile.model_validate_json(text)
     except ValidationError as error:
         raise MappingError(
-            f"{where}: {_first_fault(error)}; expected a depth noise file, version 1"
+            f"{where}: {_first_fault(error)}; expected a depth noise file, version 1 or 2"
         ) from error
     model = DepthNoiseModel(**found.model.model_dump())
     _require_usable(model, where)
-    return model
+    return Calibration(model, found.device, found.measured, where)
 
 
-def noise_to_json(model: DepthNoiseModel, device: DeviceIdentity | None = None) -> str:
+def noise_to_json(
+    model: DepthNoiseModel,
+    device: DeviceIdentity | None = None,
+    measured: Measured | None = None,
+) -> str:
     """Return the file's text for a model; `parse_noise` gives the same model back.
 
     Raises:
@@ -94,15 +195,17 @@ def noise_to_json(model: DepthNoiseModel, device: DeviceIdentity | None = None) 
     """
     try:
         file = NoiseFile(
-            schema="terravibe/depth-noise",
-            version=1,
+            schema=_SCHEMA,
+            version=1 if measured is None else 2,
             device=device or DeviceIdentity(),
             model=NoiseCoefficients(**asdict(model)),
+            measured=measured,
         )
     except ValidationError as error:
         raise MappingError(f"noise model {model.name!r}: {_first_fault(error)}") from error
     _require_usable(model, f"noise model {model.name!r}")
-    return file.model_dump_json(indent=2, by_alias=True)
+    absent = {"measured"} if measured is None else set()
+    return file.model_dump_json(indent=2, by_alias=True, exclude=absent)
 
 
 def _first_fault(error: ValidationError) -> str:
@@ -112,16 +215,22 @@ def _first_fault(error: ValidationError) -> str:
 
 
 def noise_from_name(text: str) -> DepthNoiseModel:
-    """Return the model that a user names: a preset, `constant:SIGMA_M`, or a JSON file.
+    """Return the model that a user names; see `calibration_from_name`."""
+    return calibration_from_name(text).model
+
+
+def calibration_from_name(text: str) -> Calibration:
+    """Return what a user names: a preset, `constant:SIGMA_M`, or a JSON file.
 
     Raises:
         MappingError: nothing of that kind is known.
     """
     if text in PRESETS:
-        return PRESETS[text]
+        return Calibration(PRESETS[text], DeviceIdentity(), None, text)
     if text.startswith("constant:"):
         try:
-            return constant_noise(float(text.removeprefix("constant:")))
+            sigma_m = float(text.removeprefix("constant:"))
+            return Calibration(constant_noise(sigma_m), DeviceIdentity(), None, text)
         except ValueError as error:
             raise MappingError(f"{text!r}: expected constant:SIGMA in metres") from error
     try:
@@ -132,7 +241,31 @@ def noise_from_name(text: str) -> DepthNoiseModel:
             f"noise model {text!r} is none of {known}, constant:SIGMA_M, and cannot be read as a "
             f"calibration file ({error})"
         ) from error
-    return parse_noise(content, text)
+    return parse_calibration(content, text)
+
+
+def calibration_for(folder: Path, device: DeviceIdentity) -> Calibration | None:
+    """Return the calibration of a device from a folder of .json files, by its serial number.
+
+    None when the device has no serial number or the folder no file of it. Files of other schemas,
+    such as those of inertial sensors, may lie there too.
+
+    Raises:
+        MappingError: the folder or a file in it cannot be read, or two files are of the device.
+    """
+    if not folder.is_dir():
+        raise MappingError(f"there is no folder {folder}; expected calibration files in it")
+    found = []
+    for path in sorted(folder.glob("*.json")):
+        text = read_whole(path).decode("utf-8", errors="replace")
+        if device.serial and f'"{_SCHEMA}"' in text:
+            calibration = parse_calibration(text, str(path))
+            found += [calibration] if calibration.device.serial == device.serial else []
+    if len(found) > 1:
+        raise MappingError(
+            f"{' and '.join(c.where for c in found)} are both of device {device.serial}; keep one"
+        )
+    return found[0] if found else None
 
 
 def _require_usable(model: DepthNoiseModel, where: str) -> None:

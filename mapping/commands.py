@@ -66,6 +66,7 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     add("--continue", dest="continue_world", action="store_true", help="add to that world")
     add("--method", choices=("corrected", "paper2019"), help="or the paper's printed equations")
     add("--noise", metavar="MODEL", help="preset, constant:SIGMA_M, or a calibration file")
+    add("--calibrations", type=Path, metavar="DIR", help="take the file of the recording's device")
     add("--range-min-m", type=float, metavar="M", help="nearest depth that is mapped (0.4)")
     add("--range-max-m", type=float, metavar="M", help="farthest depth that is mapped (4)")
     add("--mount-sigma-m", type=float, metavar="M", help="overrides the recording's value")
@@ -140,7 +141,7 @@ def _check_targets(options: argparse.Namespace) -> None:
 
 def _map_options(options: argparse.Namespace) -> MapOptions:
     """Return what the user asked for."""
-    from mapping.calibration_file import noise_from_name
+    from mapping.calibration_file import calibration_from_name
     from mapping.session import MapOptions
     from mapping.settings import MapSettings
 
@@ -156,7 +157,8 @@ def _map_options(options: argparse.Namespace) -> MapOptions:
     return MapOptions(
         settings=MapSettings(**(defaults | given)),
         given=frozenset(given),
-        noise=noise_from_name(options.noise) if options.noise else None,
+        noise=calibration_from_name(options.noise) if options.noise else None,
+        calibrations=options.calibrations,
         mount_sigma_m=options.mount_sigma_m,
         mount_sigma_rad=None if degrees is None else radians(degrees),
         world=options.world,

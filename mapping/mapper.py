@@ -8,13 +8,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from acquisition.messages.codec import Recordable
 from acquisition.messages.frames import BASE_FRAME, DEPTH_OPTICAL_FRAME, StaticTransforms
 from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
 from mapping.alignment.localiser import Localiser
 from mapping.cells.elevation_map import ElevationMap, read_out
-from mapping.cells.grid import Grid, make_grid
+from mapping.cells.grid import CellWindow, Grid, make_grid
 from mapping.cells.update_constants import FrameConstants, fusion_constants
 from mapping.cells.update_kernels import fuse
 from mapping.change.hidden import mark_hidden
@@ -36,6 +40,8 @@ from mapping.poses.frame_covariance import frame_covariance
 from mapping.poses.motion import MotionTracker
 from mapping.settings import MapSettings
 
+FloatArray = TypeVar("FloatArray", NDArray[np.float32], NDArray[np.float64])
+
 # A depth frame waits this long, in stream time, for its pose to be known.
 _POSE_WAIT_NS = 2_000_000_000
 
@@ -50,15 +56,18 @@ class Mapper:
         grid: Grid | None = None,
         pose_errors: PoseErrorModel | None = None,
         *,
+        fallback: DepthNoiseModel | None = None,
         on_pose: Callable[[UncertainPose], None] = lambda _: None,
     ) -> None:
         """Start with an empty map, or with a grid that knows cells already.
 
         Args:
             settings: of the map and its poses.
-            noise: of the depth sensor.
+            noise: of the depth camera; holds within its own range.
             grid: where the cells live; None = as the settings want.
             pose_errors: where the poses' errors are counted; None = as suits their source.
+            fallback: noise of readings that the settings want and `noise` does not cover;
+                None = such readings are not mapped.
             on_pose: told the pose of every frame that is mapped.
 
         Raises:
@@ -88,7 +97,8 @@ class Mapper:
                 settings.resolution_m,
             )
         self._waiting: list[DepthFrame] = []
-        self._reducer: FrameReducer | None = None
+        self._fallbacks = _around(self.noise, settings, fallback)
+        self._reducers: list[FrameReducer] = []
 
     @property
     def body_frame(self) -> str:
@@ -189,36 +199,63 @@ class Mapper:
 
     def _map(self, frame: DepthFrame, prior: UncertainPose) -> None:
         """One depth frame's walk: readings, pose, motion, footprint, sums per cell, update."""
-        reducer = self._reducer_for(frame.camera)
+        reducers = self._reducers_for(frame.camera)
         mount = self._mounts.lookup(self.body_frame, DEPTH_OPTICAL_FRAME)
-        readings = reducer.load(frame.depth_mm) - self._drop_own_body(reducer)
+        readings = [self._load(reducer, frame) for reducer in reducers]
         pose: UncertainPose | None = prior
         if self._localiser is not None:
-            pose = self._localiser.refine(reducer, prior, mount, self._grid)
+            pose = self._localiser.refine(reducers[0], prior, mount, self._grid)
         if pose is None:
             return
         self._follow(pose)
         counted = replace(pose, covariance=frame_covariance(pose.covariance, self.pose_errors))
         view = View(counted, pose.transform @ mount)
-        window = self._grid.prepare(reducer.footprint(view), *self._rover_m)
+        farthest = max(reducers, key=lambda reducer: reducer.noise.range_max_m)
+        window = self._grid.prepare(farthest.footprint(view), *self._rover_m)
+        constants = [self._constants(reducer, view, window) for reducer in reducers]
+        sums = [
+            self._reduce(reducer, count, view, window, c)
+            for reducer, count, c in zip(reducers, readings, constants, strict=True)
+        ]
+        self._look_around(frame, view, _together(sums), constants[0])
+        for part, c in zip(sums, constants, strict=True):
+            result = fuse(part, c, self._fusion, self._grid.layers, self._ledger.motions)
+            self.counts.updates += result.cells
+            self.counts.rejected += result.rejected
+            self.counts.replaced += result.replaced
+        self.counts.frames += 1
+        self._on_pose(pose)
+
+    def _load(self, reducer: FrameReducer, frame: DepthFrame) -> int:
+        """Take a frame's readings; return how many are left without those of the rover itself."""
+        return reducer.load(frame.depth_mm) - self._drop_own_body(reducer)
+
+    def _constants(self, reducer: FrameReducer, view: View, window: CellWindow) -> FrameConstants:
+        """Return what the update needs to know of this frame, its pose's errors among it."""
         constants = reducer.frame_constants(view, window, self._grid.position(window))
-        readings -= self._drop_overhangs(reducer, view, constants)
-        sums, inside = reducer.reduce(view, window)
-        self._look_around(frame, view, sums, constants)
         errors = self.pose_errors
-        constants = constants._replace(
+        return constants._replace(
             frame_m2=errors.frame_sigma_m**2,
             frame_rad2=errors.frame_sigma_rad**2,
             drift_per_m=errors.drift_per_m,
         )
-        result = fuse(sums, constants, self._fusion, self._grid.layers, self._ledger.motions)
-        self.counts.frames += 1
+
+    def _reduce(
+        self,
+        reducer: FrameReducer,
+        readings: int,
+        view: View,
+        window: CellWindow,
+        constants: FrameConstants,
+    ) -> Float64Array:
+        """Return the sums over the window of the readings that a reducer took."""
+        readings -= self._drop_overhangs(reducer, view, constants)
+        sums, inside = reducer.reduce(view, window)
         self.counts.readings += readings
         self.counts.readings_outside += readings - inside
-        self.counts.updates += result.cells
-        self.counts.rejected += result.rejected
-        self.counts.replaced += result.replaced
-        self._on_pose(pose)
+        if reducer is not self._reducers[0]:
+            self.counts.readings_uncalibrated += readings
+        return sums[: window.cells_x * window.cells_y]
 
     def _follow_latest(self) -> None:
         """Follow the rover though there is no depth."""
@@ -263,13 +300,15 @@ class Mapper:
             self.counts.cleared += clear_seen_through(
                 frame.depth_mm, sums, constants, sight, layers
             )
-            readings = self._reducer_for(frame.camera).readings
+            whole = _together([reducer.readings.z_m for reducer in self._reducers])
+            readings = self._reducers[0].readings._replace(z_m=whole)
             mark_hidden(readings, view, constants, sight, layers.hidden)
 
-    def _reducer_for(self, camera: CameraIntrinsics) -> FrameReducer:
-        if self._reducer is None or self._reducer.camera != camera:
-            self._reducer = FrameReducer(camera, self.noise, self.settings)
-        return self._reducer
+    def _reducers_for(self, camera: CameraIntrinsics) -> list[FrameReducer]:
+        if not self._reducers or self._reducers[0].camera != camera:
+            noises = [self.noise, *self._fallbacks]
+            self._reducers = [FrameReducer(camera, noise, self.settings) for noise in noises]
+        return self._reducers
 
     def _count_poses(self) -> None:
         """Copy the counts of those that count for themselves."""
@@ -297,3 +336,22 @@ def _within_both_ranges(settings: MapSettings, noise: DepthNoiseModel) -> DepthN
             "that overlap"
         )
     return noise.with_range(range_min_m, range_max_m)
+
+
+def _around(
+    noise: DepthNoiseModel, settings: MapSettings, fallback: DepthNoiseModel | None
+) -> list[DepthNoiseModel]:
+    """Return the fallback for the distances below and above those that `noise` covers."""
+    if fallback is None:
+        return []
+    wanted = _within_both_ranges(settings, fallback)
+    # Readings are float32; the one at a bound belongs to `noise`.
+    below = float(np.nextafter(np.float32(noise.range_min_m), np.float32(0.0)))
+    above = float(np.nextafter(np.float32(noise.range_max_m), np.float32(np.inf)))
+    parts = [(wanted.range_min_m, below), (above, wanted.range_max_m)]
+    return [fallback.with_range(low, high) for low, high in parts if low < high]
+
+
+def _together(parts: list[FloatArray]) -> FloatArray:
+    """Return the sum of what reducers of separate distances hold; that of one is not copied."""
+    return parts[0] if len(parts) == 1 else np.sum(parts, axis=0, dtype=parts[0].dtype)

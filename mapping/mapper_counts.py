@@ -15,6 +15,8 @@ class MapperCounts:
         poses, poses_out_of_order: poses taken; poses left out because they came out of order.
         readings: valid depth readings of the mapped frames, without those dropped (below).
         readings_outside: readings of them that fell outside the grid.
+        readings_uncalibrated: readings of them at distances that the calibration does not cover;
+            mapped with the fallback's noise.
         updates: cell updates. rejected: those that went to a second hypothesis. replaced: second
             hypotheses that took over. cleared: cells forgotten because rays passed through them.
         readings_own_body: readings dropped because they hit the rover itself.
@@ -33,6 +35,7 @@ class MapperCounts:
     poses_out_of_order: int = 0
     readings: int = 0
     readings_outside: int = 0
+    readings_uncalibrated: int = 0
     updates: int = 0
     rejected: int = 0
     replaced: int = 0

@@ -14,7 +14,12 @@ from acquisition.messages.frames import MOCAP_BODY_FRAME
 from acquisition.stream.provenance import METADATA_NAME
 from acquisition.stream.read_report import ReadReport
 from acquisition.stream.reader import StreamMessage, StreamReader
-from mapping.calibration_file import parse_noise
+from mapping.calibration_file import (
+    Calibration,
+    DeviceIdentity,
+    calibration_for,
+    parse_calibration,
+)
 from mapping.cells.elevation_map import ElevationMap
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
@@ -43,7 +48,9 @@ class MapOptions:
             and the recording says nothing.
         given: names of the settings that the user gave; the others yield to the recording's own
             map section (rover.toml).
-        noise: depth noise model.
+        noise: depth noise model, or a calibration, which is refused for another device.
+        calibrations: folder of calibration files; that of the recording's depth camera is used
+            when no noise is given.
         mount_sigma_m, mount_sigma_rad: uncertainty of the depth sensor's mount.
         world: folder of a world map that keeps what leaves the scrolling window.
         continue_world: whether that world is there already.
@@ -52,7 +59,8 @@ class MapOptions:
 
     settings: MapSettings
     given: frozenset[str] = frozenset()
-    noise: DepthNoiseModel | None = None
+    noise: DepthNoiseModel | Calibration | None = None
+    calibrations: Path | None = None
     mount_sigma_m: float | None = None
     mount_sigma_rad: float | None = None
     world: Path | None = None
@@ -137,9 +145,7 @@ def _mapper_for(
 ) -> Mapper:
     """Return a mapper with the user's wishes over the recording's over the defaults."""
     recorded = recorded_settings(metadata)
-    noise = options.noise
-    if noise is None and "depth_noise" in recorded:
-        noise = parse_noise(json.dumps(recorded["depth_noise"]), "the recording's depth_noise")
+    noise = _noise_for(options, recorded, depth_device(metadata))
     settings = replace(
         _with_recorded_map(options, recorded.get("map")),
         mount_sigma_m=_first(
@@ -151,11 +157,13 @@ def _mapper_for(
             options.settings.mount_sigma_rad,
         ),
     )
-    noise = noise or KINECT_V1
+    model = noise.model if isinstance(noise, Calibration) else noise or KINECT_V1
     if options.method == "paper2019":
-        return PaperMapper(settings, noise, on_pose=on_pose)
-    grid = _world_grid(options, settings, noise, resources)
-    return Mapper(settings, noise, grid, on_pose=on_pose)
+        return PaperMapper(settings, model, on_pose=on_pose)
+    grid = _world_grid(options, settings, model, resources)
+    # Measured in a box of distances: outside it the default model stands in.
+    fallback = KINECT_V1 if isinstance(noise, Calibration) and noise.measured else None
+    return Mapper(settings, model, grid, fallback=fallback, on_pose=on_pose)
 
 
 def _world_grid(
@@ -175,6 +183,44 @@ def _world_grid(
         about = about_world(settings, noise)
         store = resources.enter_context(TileStore.create(options.world, about))
     return WorldGrid(settings, store)
+
+
+def depth_device(metadata: Mapping[str, Mapping[str, str]]) -> DeviceIdentity:
+    """Return which device a recording's depth frames come from, as far as it says so.
+
+    Raises:
+        MappingError: what it says of its sources is not a JSON object.
+    """
+    for name, text in metadata.get(METADATA_NAME, {}).items():
+        if not name.startswith("source."):
+            continue
+        try:
+            identity = dict(json.loads(text))
+        except (ValueError, TypeError) as error:
+            raise MappingError(f"the recording's {name} is not a JSON object: {error}") from error
+        if "DepthFrame" in identity.get("produces", ()):
+            model, serial = (str(identity.get(key, "")) for key in ("model", "serial"))
+            return DeviceIdentity(model=model, serial=serial)
+    return DeviceIdentity()
+
+
+def _noise_for(
+    options: MapOptions, recorded: Mapping[str, Any], device: DeviceIdentity
+) -> DepthNoiseModel | Calibration | None:
+    """Return the user's noise, else that of the device, else the recording's own, else None.
+
+    Raises:
+        MappingError: it was measured on another device, or cannot be read.
+    """
+    noise = options.noise
+    if noise is None and options.calibrations is not None:
+        noise = calibration_for(options.calibrations, device)
+    if noise is None and "depth_noise" in recorded:
+        text = json.dumps(recorded["depth_noise"])
+        noise = parse_calibration(text, "the recording's depth_noise")
+    if isinstance(noise, Calibration):
+        noise.check_device(device)
+    return noise
 
 
 def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:

@@ -151,6 +151,13 @@ def _warnings(result: MapResult) -> list[str]:
             f"the map has slid against gravity at {counts.slid} depth frames; its variance holds "
             "the tilt"
         )
+    if counts.readings_uncalibrated:
+        noise = result.noise
+        lines.append(
+            f"{counts.readings_uncalibrated} of {counts.readings} readings lie outside "
+            f"{noise.range_min_m:.2f} to {noise.range_max_m:.2f} m, for which {noise.name} was "
+            "measured; the default noise model was used for them"
+        )
     if counts.poses_out_of_order:
         lines.append(f"{counts.poses_out_of_order} poses came out of order and were not used")
     return lines

@@ -13,7 +13,7 @@ from drivers.samples import AccelerationSample, CameraIntrinsics, Sample, frozen
 from mapping.errors import MappingError
 from mapping.judging.evaluation import CONFIRMED
 from mapping.mapper import Mapper
-from mapping.noise import NGUYEN_2012
+from mapping.noise import NGUYEN_2012, DepthNoiseModel
 from mapping.settings import MapSettings
 from tests.mapping.scenes import CAMERA, floor_frame, looking, mount, pose_sample
 
@@ -256,3 +256,29 @@ def test_an_image_that_does_not_fit_its_camera_ends_the_run() -> None:
 def test_a_jump_of_the_pose_is_refused_before_memory_is_gone() -> None:
     with pytest.raises(MappingError, match="check the poses for jumps"):
         _mapper(*_pairs(1), pose_sample(TENTH_NS, (5e4, 5e4, 0.4)), floor_frame(TENTH_NS))
+
+
+def test_outside_its_box_a_calibration_yields_to_the_fallback() -> None:
+    """The floor is seen from 0.5 to 2 m and more; the calibration covers 0.8 to 1.2 m of it."""
+    near = DepthNoiseModel("rig", axial_offset_m=0.001, range_min_m=0.8, range_max_m=1.2)
+    far = DepthNoiseModel("default", axial_offset_m=0.02)
+    maps, counts = [], []
+    for noise, fallback in ((near, None), (near, far), (far, None)):
+        mapper = Mapper(MapSettings(resolution_m=0.04), noise, fallback=fallback)
+        mapper.add(mount())
+        for k in range(4):
+            mapper.add(pose_sample(k * 10**8))
+            mapper.add(floor_frame(k * 10**8))
+        maps.append(mapper.elevation_map())
+        counts.append(mapper.counts)
+    alone, both, default = counts
+    assert alone.readings_uncalibrated == default.readings_uncalibrated == 0
+    assert both.readings == default.readings
+    assert both.readings_uncalibrated == both.readings - alone.readings > 0
+    assert both.frames == 4
+    # The calibrated part claims what the calibration says, the rest what the default says.
+    assert maps[1].variance_m2[maps[1].state > 1].min() < 0.1 * np.nanmin(maps[2].variance_m2)
+    beyond = np.isfinite(maps[1].elevation_m) & (maps[1].x_m > 1.5)
+    assert beyond.sum() > 20
+    assert maps[1].elevation_m.shape == maps[2].elevation_m.shape
+    np.testing.assert_allclose(maps[1].variance_m2[beyond], maps[2].variance_m2[beyond], rtol=0.05)

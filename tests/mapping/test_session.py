@@ -6,7 +6,7 @@ import io
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from acquisition.stream.writer import StreamWriter
 from drivers.samples import DepthFrame, PoseSample, Sample
 from drivers.source import SourceInfo
 from mapping.alignment.settings import AlignmentSettings
-from mapping.calibration_file import noise_to_json
+from mapping.calibration_file import DeviceIdentity, noise_to_json, parse_calibration
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.errors import MappingError
 from mapping.mapper import Mapper
@@ -229,3 +229,38 @@ def test_sections_of_the_recorded_map_count_value_by_value() -> None:
 def test_unknown_or_wrong_values_of_sections_are_refused(section: dict[str, object]) -> None:
     with pytest.raises(MappingError):
         _map({"map": section})
+
+
+def _file_of(serial: str) -> str:
+    return noise_to_json(constant_noise(0.01), DeviceIdentity(model="K", serial=serial))
+
+
+def _from_device(serial: str, options: MapOptions, recorded: Mapping[str, object]) -> MapResult:
+    stream = io.BytesIO()
+    source = replace(SOURCE, serial=serial)
+    with StreamWriter(
+        stream, sources=[source], static_transforms=mount().transforms, settings=recorded
+    ) as writer:
+        for sample in _samples():
+            writer.write(sample)
+    return map_stream(reader_of(stream.getvalue()), options)
+
+
+def test_the_calibration_of_the_recording_s_device_is_found(tmp_path: Path) -> None:
+    for serial in ("A1", "B2"):
+        (tmp_path / f"{serial}.json").write_text(_file_of(serial))
+    options = MapOptions(MapSettings(), calibrations=tmp_path)
+    assert _from_device("A1", options, {}).noise.axial_offset_m == 0.01
+    assert _from_device("C3", options, {}).noise.name == KINECT_V1.name
+
+
+def test_another_device_s_calibration_is_refused(tmp_path: Path) -> None:
+    calibration = parse_calibration(_file_of("A1"), "a.json")
+    options = MapOptions(MapSettings(), noise=calibration)
+    assert _from_device("A1", options, {}).noise.name == "constant"
+    assert _from_device("", options, {}).noise.name == "constant"  # nobody can tell
+    with pytest.raises(MappingError, match=r"a\.json was measured on K A1, the recording is of"):
+        _from_device("B2", options, {})
+    recorded = {"depth_noise": json.loads(_file_of("A1"))}
+    with pytest.raises(MappingError, match="the recording's depth_noise was measured on K A1"):
+        _from_device("B2", MapOptions(MapSettings()), recorded)

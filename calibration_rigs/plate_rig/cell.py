@@ -1,0 +1,243 @@
+"""One cell: from its frames to sigma, bias and everything else that is said of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import degrees
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration_rigs.plate_rig.correlation import correlation_area_px
+from calibration_rigs.plate_rig.faults import Fault, shape_faults, view_faults
+from calibration_rigs.plate_rig.frames import CellFrames
+from calibration_rigs.plate_rig.goodness import Goodness
+from calibration_rigs.plate_rig.manifest import CellEntry, Rig
+from calibration_rigs.plate_rig.metrics import (
+    PaperNumbers,
+    TemporalSpread,
+    lateral_sigma_px,
+    paper_numbers,
+    temporal_spread,
+)
+from calibration_rigs.plate_rig.outline import Outline, outline
+from calibration_rigs.plate_rig.plane import DisparityPlane, pixels_of
+from calibration_rigs.plate_rig.quantised import QuantisedSpread, sheppard
+from calibration_rigs.plate_rig.segmentation import Segment, find_plate, mean_depth_m
+from calibration_rigs.plate_rig.spread import Deviations, measure_spread
+from drivers.samples import CameraIntrinsics
+from mapping.calibration_file import DeviceIdentity
+from mapping.measurement import SENSOR_WIDTH_PX
+
+Float64Array = NDArray[np.float64]
+
+_CORRELATION_FRAMES = 8
+
+
+@dataclass(frozen=True, slots=True)
+class CellResult:
+    """What one cell came to. Lengths in metres, angles in radians.
+
+    Attributes:
+        cell: what was asked for and read off the tape.
+        device, camera, sha256: who measured, and in which bytes.
+        frames, pixels: used; pixels well on the plate.
+        z_m, incidence_rad: mean of the readings that sigma was made of.
+        turn_rad, tip_rad, roll_rad: of the plate, from the plane and its side edges.
+        step_m: depth step at z_m.
+        spread: of the readings, in steps.
+        goodness: chi-square over the steps; None when too few steps occur.
+        plain_sigma_m: standard deviation of the same readings about the plane, steps included:
+            the plane RMS.
+        sheppard_sigma_m: the same less that of steps of uniform phase.
+        error_m: reading minus tape at the plate's middle; None when the tape was refused.
+        error_sigma_m: its standard deviation, without what all cells share.
+        fill_rate: share of the plate's pixels that read.
+        z_accuracy: median of (reading - truth) / truth; None without tape.
+        subpixel_rms_px: plane RMS as disparity.
+        temporal: spread in time.
+        lateral_px, lateral_readings: spread of the side edges in pixels of the 640 px wide image.
+        correlation_area_px: pixels of the 640 px wide image that share one draw.
+        paper: the paper's own numbers.
+        deviations: histogram of the readings about the plane.
+        faults: what is wrong with the cell.
+    """
+
+    cell: CellEntry
+    device: DeviceIdentity
+    camera: CameraIntrinsics
+    sha256: str
+    frames: int
+    pixels: int
+    z_m: float
+    incidence_rad: float
+    turn_rad: float
+    tip_rad: float
+    roll_rad: float
+    step_m: float
+    spread: QuantisedSpread
+    goodness: Goodness | None
+    plain_sigma_m: float
+    sheppard_sigma_m: float
+    error_m: float | None
+    error_sigma_m: float
+    fill_rate: float
+    z_accuracy: float | None
+    subpixel_rms_px: float
+    temporal: TemporalSpread
+    lateral_px: float
+    lateral_readings: int
+    correlation_area_px: float
+    paper: PaperNumbers
+    deviations: Deviations
+    faults: tuple[Fault, ...]
+
+    @property
+    def sigma_m(self) -> float:
+        """Spread without the steps; an upper bound when `spread.is_below`."""
+        return self.spread.sigma * self.step_m
+
+    @property
+    def is_used(self) -> bool:
+        """Whether the cell takes part in the fits."""
+        return not any(fault.excludes for fault in self.faults)
+
+
+@dataclass(frozen=True, slots=True)
+class CellOutcome:
+    """A result, and what a map of the sensor's distortion is made of.
+
+    Attributes:
+        result: the numbers.
+        residual_px: (height, width) float32 mean disparity minus the plane's, pixels of the
+            640 px wide image; NaN off the plate.
+    """
+
+    result: CellResult
+    residual_px: NDArray[np.float32]
+
+
+def analyse(frames: CellFrames, cell: CellEntry, rig: Rig) -> CellOutcome:
+    """Return what a cell's frames come to.
+
+    Raises:
+        RigError: there is no plate; the message does not name the cell.
+    """
+    camera = frames.camera
+    disparity_px_m = rig.disparity_px_m(camera.fx_px, camera.width_px)
+    step_m = cell.distance_m**2 * rig.disparity_step_px / disparity_px_m
+    mean_m, seen = mean_depth_m(frames.depth_mm)
+    plate = find_plate(mean_m, seen, cell, rig, step_m)
+    found = outline(plate.whole, plate.plane, camera, rig)
+    residual_px = _residual_px(plate, disparity_px_m)
+    spread = measure_spread(frames.depth_mm, plate, found, camera, rig)
+    plane = plate.plane.shifted(spread.fit.offset * rig.disparity_step_px / disparity_px_m)
+    error_m, error_sigma_m, tape_faults = tape_error(found, plate.plane, plane, cell, rig)
+    offset_m = spread.fit.offset_sigma * spread.step_m
+    decimation = SENSOR_WIDTH_PX / camera.width_px
+    lateral, lateral_readings = lateral_sigma_px(frames.depth_mm, plate.plane, found)
+    result = CellResult(
+        cell=cell,
+        device=frames.device,
+        camera=camera,
+        sha256=frames.sha256,
+        frames=len(frames.depth_mm),
+        pixels=int(np.count_nonzero(plate.eroded)),
+        z_m=spread.z_m,
+        incidence_rad=spread.incidence_rad,
+        turn_rad=plane.turn_rad(camera),
+        tip_rad=plane.tip_rad(camera),
+        roll_rad=found.roll_rad,
+        step_m=spread.step_m,
+        spread=spread.fit,
+        goodness=spread.goodness,
+        plain_sigma_m=spread.plain * spread.step_m,
+        sheppard_sigma_m=sheppard(spread.plain, 1.0) * spread.step_m,
+        error_m=error_m,
+        error_sigma_m=float(np.hypot(error_sigma_m, offset_m)),
+        fill_rate=_fill_rate(frames, plate),
+        z_accuracy=None if error_m is None else error_m / (found.middle_m[2] - error_m),
+        subpixel_rms_px=spread.plain * rig.disparity_step_px,
+        temporal=temporal_spread(frames.depth_mm, plate.eroded),
+        lateral_px=lateral * decimation,
+        lateral_readings=lateral_readings,
+        correlation_area_px=_correlation(frames, plate, disparity_px_m) * decimation**2,
+        paper=paper_numbers(frames.depth_mm, plate.eroded, plate.plane),
+        deviations=spread.deviations,
+        faults=(
+            *view_faults(frames, found, plate, rig),
+            *shape_faults(
+                residual_px, plane, found, cell, camera, spread.fit, spread.step_m, disparity_px_m
+            ),
+            *tape_faults,
+        ),
+    )
+    return CellOutcome(result, residual_px)
+
+
+def tape_error(
+    found: Outline,
+    fitted: DisparityPlane,
+    corrected: DisparityPlane,
+    cell: CellEntry,
+    rig: Rig,
+) -> tuple[float | None, float, list[Fault]]:
+    """Return reading minus tape, its sigma, and what is wrong with the tape.
+
+    The plate's middle is half way between its top right and bottom left corner, so the mean of
+    their errors is free of angle and size of the plate; the top left corner tells which of the
+    two is wrong when they disagree.
+
+    Args:
+        found: the outline, in terms of the `fitted` plane.
+        fitted: through the mean readings.
+        corrected: the same without the bias that steps cause.
+        cell, rig: tape and plate.
+    """
+    middle_z = found.middle_m[2]
+    shift = middle_z**2 * (fitted.c - corrected.c)  # d Z = - Z^2 d(1/Z)
+    if cell.corners_m is None:
+        error = middle_z + shift - cell.distance_m
+        return error, float(np.hypot(rig.tape_sigma_m, found.middle_z_sigma_m)), []
+    errors = np.array(found.corners_z_m) + shift - np.array(cell.corners_m)
+    tolerance = 0.05 + 4.0 * found.middle_z_sigma_m + 0.1 * abs(np.diff(found.corners_z_m)).max()
+    off = errors - np.median(errors)
+    worst = int(np.argmax(np.abs(off)))
+    if abs(off[worst]) > tolerance:
+        return None, 0.0, [Fault.tape(worst, cell.corners_m[worst], float(off[worst]))]
+    error = 0.5 * float(errors[1] + errors[2])
+    sigma = float(np.hypot(rig.tape_sigma_m / np.sqrt(2.0), found.middle_z_sigma_m))
+    return error, sigma, []
+
+
+def _residual_px(plate: Segment, disparity_px_m: float) -> NDArray[np.float32]:
+    u, v = pixels_of(plate.eroded)
+    residual = np.full(plate.eroded.shape, np.nan, np.float32)
+    inverse = plate.plane.inverse_z(u, v)
+    residual[plate.eroded] = disparity_px_m * (1.0 / plate.mean_m[plate.eroded] - inverse)
+    return residual
+
+
+def _fill_rate(frames: CellFrames, plate: Segment) -> float:
+    """Return the share of readings on the plate, holes inside it counted as plate."""
+    readings = sum(np.count_nonzero(frame[plate.inside]) for frame in frames.depth_mm)
+    return readings / (len(frames.depth_mm) * int(np.count_nonzero(plate.inside)))
+
+
+def _correlation(frames: CellFrames, plate: Segment, disparity_px_m: float) -> float:
+    """Return the correlation area in pixels of the image."""
+    some = frames.depth_mm[:: max(1, len(frames.depth_mm) // _CORRELATION_FRAMES)]
+    rows = np.flatnonzero(plate.eroded.any(axis=1))
+    columns = np.flatnonzero(plate.eroded.any(axis=0))
+    box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    v, u = np.mgrid[box].astype(np.float64)
+    inverse = plate.plane.inverse_z(u, v)
+    z_m = 1e-3 * some[(slice(None), *box)]
+    there = (z_m > 0.0) & plate.eroded[box]
+    residual = np.where(there, disparity_px_m * (1.0 / np.where(there, z_m, 1.0) - inverse), np.nan)
+    return correlation_area_px(residual)
+
+
+def label(result: CellResult) -> str:
+    """Return a cell's distance and angle as they were measured."""
+    return f"{result.z_m:.2f} m, {degrees(result.incidence_rad):.0f} deg"

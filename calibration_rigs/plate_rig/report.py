@@ -1,0 +1,192 @@
+"""The products of a calibration: one HTML file, a table, the calibration file, ROS factors."""
+
+from __future__ import annotations
+
+import base64
+import io
+from dataclasses import dataclass
+from math import degrees
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
+
+from acquisition.files import check_target
+from calibration_rigs.plate_rig import figures
+from calibration_rigs.plate_rig.process import PlateResult, worst_held_out
+from calibration_rigs.plate_rig.products import (
+    calibration_json,
+    cells_csv,
+    measured,
+    noise_model,
+    ros_yaml,
+)
+from calibration_rigs.plate_rig.verdict import cell_warnings, verdict
+from mapping.files import write_whole
+from mapping.output.figures import png_bytes
+from mapping.output.netcdf import software
+
+CALIBRATION_NAME = "calibration.json"
+REPORT_NAME = "report.html"
+_PICTURES = {
+    "Systematic error": (
+        figures.bias_figure,
+        (
+            "Mean reading minus tape, with 95 % intervals, and the fit that the file corrects "
+            "(the paper's figure 6)."
+        ),
+    ),
+    "Noise": (
+        figures.noise_figure,
+        (
+            "Standard deviation of a pixel without the sensor's steps, the law with its 95 % "
+            "prediction bands, and beside it what the paper's column means give (figures 8 and 10)."
+        ),
+    ),
+    "Deviations": (
+        figures.deviation_figure,
+        (
+            "Readings about the plane (blue), a rounded normal law (black) and the plain normal "
+            "law that the paper fits (red, dashed): the steps make the difference (figures 7 "
+            "and 9)."
+        ),
+    ),
+    "Quantiles": (figures.qq_figure, "Readings against the rounded normal law: on the diagonal."),
+    "Steps": (figures.ratio_figure, "Noise in units of the sensor's depth step."),
+    "Residuals": (
+        figures.residual_figure,
+        (
+            "What all plates together are off their planes: distortion of the sensor, or a plate "
+            "that is not flat (cf. figure 5)."
+        ),
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A calibration in a few lines, and the files that were written."""
+
+    result: PlateResult
+    files: tuple[Path, ...]
+
+    def as_json(self) -> object:
+        """Return the calibration's numbers as JSON values."""
+        return {
+            "verdict": verdict(self.result),
+            "cells": len(self.result.manifest.cells),
+            "used": len(self.result.used),
+            "law": self.result.laws[0].name,
+            "held_out_share": min(worst_held_out(self.result), 1e6),
+            "bias": [float(value) for value in self.result.bias.coefficients],
+            "warnings": self.warnings(),
+            "files": [str(path) for path in self.files],
+        }
+
+    def describe(self) -> list[str]:
+        """Return the verdict and the files."""
+        return [*verdict(self.result), *map(str, self.files)]
+
+    def warnings(self) -> list[str]:
+        """Return what is wrong with single cells."""
+        return cell_warnings(self.result)
+
+
+def write_products(result: PlateResult, folder: Path, *, undistortion: bool) -> list[Path]:
+    """Write calibration.json, elevation_mapping.yaml, cells.csv and report.html into a folder.
+
+    Args:
+        result: the calibration.
+        folder: must exist.
+        undistortion: also write undistortion.npz: mean_px, what to subtract from each pixel's
+            disparity in pixels of the 640 px wide image (NaN = never seen), and cells.
+
+    Raises:
+        MappingError, StreamError: a file cannot be written; none of the later ones is then.
+    """
+    check_target(folder / CALIBRATION_NAME)
+    contents = {
+        CALIBRATION_NAME: calibration_json(result).encode(),
+        "elevation_mapping.yaml": ros_yaml(result).encode(),
+        "cells.csv": cells_csv(result.cells).encode(),
+        REPORT_NAME: report_html(result).encode(),
+    }
+    if undistortion:
+        packed = io.BytesIO()
+        np.savez_compressed(
+            packed,
+            mean_px=result.distortion.mean_px.astype(np.float32),
+            cells=result.distortion.cells,
+        )
+        contents["undistortion.npz"] = packed.getvalue()
+    for name, content in contents.items():
+        write_whole(folder / name, content)
+    return [folder / name for name in contents]
+
+
+def report_html(result: PlateResult) -> str:
+    """Return the report as one HTML page that needs no other file."""
+    environment = Environment(
+        loader=PackageLoader("calibration_rigs.plate_rig"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    device = f"{result.device.model} {result.device.serial}".strip() or "unknown device"
+    return environment.get_template("plate.html").render(
+        title=f"Depth noise of {device}",
+        verdict=verdict(result),
+        warnings=cell_warnings(result),
+        pictures=[
+            (name, caption, _data_uri(draw(result))) for name, (draw, caption) in _PICTURES.items()
+        ],
+        laws=[
+            (
+                law.name,
+                ", ".join(f"{value:.3g}" for value in law.parameters),
+                100.0 * float(np.expm1(law.misfit)),
+                100.0 * float(np.expm1(law.held_out)),
+            )
+            for law in result.laws
+        ],
+        cells=result.cells,
+        degrees=degrees,
+        facts=_facts(result),
+        sha256=result.sha256,
+        software=software(),
+    )
+
+
+def _data_uri(figure: Figure) -> str:
+    return "data:image/png;base64," + base64.b64encode(png_bytes(figure)).decode("ascii")
+
+
+def _facts(result: PlateResult) -> dict[str, str]:
+    """Return what the model and its making come to, under the names to print."""
+    model, how, box = noise_model(result), measured(result), measured(result).validity
+    rig = result.manifest.rig
+    area = model.correlation_area_px
+    return {
+        "device": f"{result.device.model} {result.device.serial or '(no serial number)'}",
+        "environment": how.environment,
+        "light": _between(box.lux_min, box.lux_max, "lx"),
+        "temperature": _between(box.temperature_min_c, box.temperature_max_c, "°C"),
+        "plate": f"{rig.plate_width_m:g} m x {rig.plate_height_m:g} m",
+        "focal length x baseline": f"{how.disparity_px_m:.2f} px m, {rig.disparity_step_px:g} px",
+        "frames": f"{how.frames} in {how.cells} cells",
+        "independent readings in a cell (median)": f"{how.effective_readings:.0f}",
+        "pixels that share one draw": f"{area:.1f}",
+        "lateral noise": f"{model.lateral_offset_px:.2f} + {model.lateral_angle_px:.3f} t px",
+        "bias": f"{1e3 * model.bias_m:+.2f} mm {1e3 * model.bias_slope:+.2f} mm/m Z "
+        f"{1e3 * model.bias_quadratic_per_m:+.2f} mm/m² Z²",
+        "scatter of the bias about its fit": f"{result.bias.scatter:.2f} of what is expected",
+        "bias at a station left out": f"{1e3 * result.bias.held_out_m:.1f} mm",
+    }
+
+
+def _between(low: float | None, high: float | None, unit: str) -> str:
+    if low is None or high is None:
+        return "not recorded"
+    return f"{low:g} {unit}" if low == high else f"{low:g} to {high:g} {unit}"
