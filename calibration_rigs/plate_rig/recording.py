@@ -75,7 +75,8 @@ class RoverCapture:
             )
         config = loaded.config.model_copy(update={"devices": devices})
         some = replace(loaded, config=config)
-        SourceCapture(lambda: sources_of(some), plan_of(some)).record(path, frames)
+        plan = plan_of(some, sources_of(some))
+        SourceCapture(lambda: sources_of(some), plan).record(path, frames)
 
 
 def frames_of(snapshot: HealthSnapshot) -> int:
