@@ -102,7 +102,14 @@ class EgoMotion:
         found = self._filter.at(t_ns)
         return to_pose(t_ns, found.vector, found.covariance)
 
-    def correct(self, t_ns: int, pose: RigidTransform, covariance: Float64Array) -> bool:
+    def correct(
+        self,
+        t_ns: int,
+        pose: RigidTransform,
+        covariance: Float64Array,
+        *,
+        gated: bool = True,
+    ) -> bool:
         """Take an external pose of base_link in T, such as an alignment with the map.
 
         It is put where it belongs in time; all poses since then change.
@@ -111,11 +118,12 @@ class EgoMotion:
             t_ns: its time.
             pose: T_TR.
             covariance: (6, 6) of (x, y, z, rotation about T's x, y, z): m^2, m rad, rad^2.
+            gated: leave it out when it is too unlikely; False for a source that judges itself.
 
         Returns:
             False when it was too unlikely or too old and was left out.
         """
-        return self._correct(t_ns, pose, covariance, gated=True)
+        return self._correct(t_ns, pose, covariance, gated=gated)
 
     def relative_covariance(self, t0_ns: int, t1_ns: int) -> RelativeMotion:
         """Return the motion from one time to a later one, with its covariance.

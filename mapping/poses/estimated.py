@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,10 +24,6 @@ from mapping.poses.source import PoseCounts
 
 Float64Array = NDArray[np.float64]
 
-# The aligner judges its own results; the filter's idea of the tilt can be a degree off and sure of
-# it, and leaving the map out then loses both.
-_NEVER = 1e-250
-
 
 class EstimatedPoses:
     """Poses of base_link; T has its origin and heading where the stream begins.
@@ -45,8 +39,6 @@ class EstimatedPoses:
     def __init__(
         self, settings: EgoMotionSettings, tilt_source: TiltSource, *, aligned: bool
     ) -> None:
-        if aligned:
-            settings = replace(settings, pose_gate_probability=_NEVER)
         self._ego = EgoMotion(settings)
         self._tilt_source = tilt_source
         self._aligned = aligned
@@ -108,9 +100,13 @@ class EstimatedPoses:
         return motion.covariance_xyz_yaw
 
     def correct(self, alignment: Alignment) -> None:
-        """Take what the map says of a pose that `at` gave."""
+        """Take what the map says of a pose that `at` gave.
+
+        The aligner judges its own results; the filter's idea of tilt or speed can be far off and
+        sure of it, and leaving the map out then loses both.
+        """
         found = alignment.pose
-        self._ego.correct(found.t_ns, found.transform, found.covariance)
+        self._ego.correct(found.t_ns, found.transform, found.covariance, gated=False)
 
     def why_nothing(self, frames: int) -> str:
         """Say why none of so many depth frames has a pose."""
