@@ -60,10 +60,12 @@ class _MemoryStore:
         self._output = io.BytesIO()
 
     def next_output(self) -> io.BytesIO:
+        """Return where the next part goes."""
         self._output = io.BytesIO()
         return self._output
 
     def finished(self, first_ns: int, last_ns: int) -> None:
+        """Keep the part that ended, and drop what is too old or too much."""
         if first_ns < 0:
             return  # nothing in it
         self.parts.append(_KeptPart(self._output.getvalue(), last_ns))
@@ -76,12 +78,15 @@ class _MemoryStore:
             self.shortened = True
 
     def size_bytes(self) -> int:
+        """Return the bytes of all parts that are kept."""
         return sum(len(part.data) for part in self.parts)
 
     def failed(self, error: StreamError, *, empty: bool) -> None:  # noqa: ARG002 - of `PartStore`
+        """Give up: memory that cannot be written to has no second place."""
         raise error
 
     def take(self) -> list[bytes]:
+        """Return the parts, oldest first, and keep none."""
         parts = [part.data for part in self.parts]
         self.parts.clear()
         return parts
