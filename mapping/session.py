@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import Any, Literal
 
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.messages.frames import MOCAP_BODY_FRAME
@@ -27,16 +27,12 @@ from mapping.mapper import Mapper, MapperCounts
 from mapping.noise import KINECT_V1, DepthNoiseModel
 from mapping.paper2019.paper_mapper import PaperMapper
 from mapping.settings import MapSettings
+from mapping.stored_settings import flat, overlaid
 from mapping.world.tile_store import TileStore
 from mapping.world.world_grid import WorldGrid
 from mapping.world.world_map import about_world, check_same_cells
 
 Method = Literal["corrected", "paper2019"]
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-_Settings = TypeVar("_Settings", bound="DataclassInstance")
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,33 +227,7 @@ def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:
     """
     if section is None:
         return options.settings
-    return _overlaid(options.settings, section, options.given, "the recording's map section")
-
-
-def _overlaid(settings: _Settings, section: object, given: frozenset[str], where: str) -> _Settings:
-    """Return a dataclass of settings with the values of a JSON object, but for those `given`.
-
-    Raises:
-        MappingError: it is no object, or has an unknown key or a value of another type.
-    """
-    known = {item.name for item in fields(settings)}
-    if not isinstance(section, dict) or not section.keys() <= known:
-        raise MappingError(f"{where} is {section!r}; expected known settings")
-    recorded = {name: value for name, value in section.items() if name not in given}
-    for name, value in recorded.items():
-        ours = getattr(settings, name)
-        if is_dataclass(ours) and not isinstance(ours, type):
-            recorded[name] = _overlaid(ours, value, frozenset(), f"{where}, {name},")
-        elif _kind(value) is not _kind(ours):
-            raise MappingError(f"{where} has {name} = {value!r}")
-    return replace(settings, **recorded)
-
-
-def _kind(value: object) -> type:
-    """Return the JSON type of a value: all numbers are one, and tuples are lists."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return float
-    return list if isinstance(value, tuple) else type(value)
+    return overlaid(options.settings, section, options.given, "the recording's map section")
 
 
 def _first(*candidates: object) -> float:
@@ -274,7 +244,7 @@ def _first(*candidates: object) -> float:
 
 def _attributes(mapper: Mapper, report: ReadReport) -> dict[str, str | int | float]:
     """Return how the map was made, for the map file."""
-    attributes = dict(_flat("setting", asdict(mapper.settings)))
+    attributes = dict(flat("setting", asdict(mapper.settings)))
     attributes |= {f"noise_{name}": value for name, value in asdict(mapper.noise).items()}
     attributes |= {
         f"pose_error_{name}": int(value) if isinstance(value, bool) else value
@@ -286,14 +256,3 @@ def _attributes(mapper: Mapper, report: ReadReport) -> dict[str, str | int | flo
     attributes["input_damaged_parts"] = len(report.damaged)
     attributes["input_late_messages"] = report.late_messages
     return attributes
-
-
-def _flat(name: str, value: object) -> Iterator[tuple[str, str | int | float]]:
-    """Yield the leaves of nested settings under names joined by underscores."""
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _flat(f"{name}_{key}", inner)
-    elif isinstance(value, tuple):
-        yield name, json.dumps(value)
-    elif isinstance(value, str | int | float):
-        yield name, int(value) if isinstance(value, bool) else value

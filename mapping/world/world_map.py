@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -15,6 +14,7 @@ from mapping.cells.grid import CellWindow, megabytes
 from mapping.errors import MappingError
 from mapping.noise import DepthNoiseModel
 from mapping.settings import MapSettings
+from mapping.stored_settings import flat, overlaid
 from mapping.world.tile_store import TileStore
 from mapping.world.tiles import TILE_CELLS, shares
 
@@ -62,7 +62,7 @@ def read_world(path: Path, window_m: Sequence[float] | None = None) -> Elevation
             memory limit that the world was made with.
     """
     with TileStore.read_only(path) as store:
-        settings = _settings_of(store)
+        settings = settings_of(store)
         extent = _all_of(store) if window_m is None else _cells_of(window_m, settings.resolution_m)
         need_mb = megabytes(extent.cells_x, extent.cells_y)
         if need_mb > settings.memory_limit_mb:
@@ -76,11 +76,14 @@ def read_world(path: Path, window_m: Sequence[float] | None = None) -> Elevation
         return read_out(_Block(extent, layers), settings, _attributes(store.about))
 
 
-def _settings_of(store: TileStore) -> MapSettings:
-    try:
-        return MapSettings(**store.about["settings"])
-    except (KeyError, TypeError) as error:
-        raise MappingError(f"the world {store.path} does not say how it was made") from error
+def settings_of(store: TileStore) -> MapSettings:
+    """Return the settings that a world was made with.
+
+    Raises:
+        MappingError: it does not say them, or in another form.
+    """
+    stored = store.about.get("settings")
+    return overlaid(MapSettings(), stored, frozenset(), f"what the world {store.path} is made with")
 
 
 def _all_of(store: TileStore) -> CellWindow:
@@ -111,8 +114,4 @@ def _cells_of(window_m: Sequence[float], cell_size_m: float) -> CellWindow:
 
 
 def _attributes(about: Mapping[str, Any]) -> dict[str, str | int | float]:
-    found: dict[str, str | int | float] = {}
-    for prefix, section in (("setting", "settings"), ("noise", "noise")):
-        for name, value in about[section].items():
-            found[f"{prefix}_{name}"] = json.dumps(value) if isinstance(value, list) else value
-    return found
+    return dict([*flat("setting", about["settings"]), *flat("noise", about["noise"])])

@@ -203,10 +203,10 @@ def test_what_a_window_leaves_is_in_rectangles_that_do_not_overlap(
 def test_settings_in_a_world_are_those_it_was_made_with(tmp_path: Path) -> None:
     settings = MapSettings(body_boxes_m=((0, 0, 0, 1, 1, 1),), resolution_m=0.03)
     from mapping.noise import KINECT_V1
-    from mapping.world.world_map import about_world, check_same_cells
+    from mapping.world.world_map import about_world, check_same_cells, settings_of
 
     with TileStore.create(tmp_path / "w", about_world(settings, KINECT_V1)) as store:
-        assert MapSettings(**store.about["settings"]) == settings
+        assert settings_of(store) == settings
         check_same_cells(store, settings)
         with pytest.raises(MappingError, match=r"has cells of 0\.03 m, the settings ask for 0\.04"):
             check_same_cells(store, MapSettings())
