@@ -200,7 +200,10 @@ def _shadowed_room() -> str:
     """Return what is wrong when another distribution took one of the top-level names."""
     here = Path(__file__).resolve().parent
     for room in _ROOMS:
-        module = importlib.import_module(room)
+        try:
+            module = importlib.import_module(room)
+        except ModuleNotFoundError as error:
+            return f"{error}; this installation is older than its source: install terravibe again"
         origin = Path(module.__file__ or "?").resolve().parent
         if getattr(module, "DISTRIBUTION", None) != "terravibe" or origin.parent != here:
             return (

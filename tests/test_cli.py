@@ -273,6 +273,14 @@ def test_shadowed_room_is_refused(
     assert "another distribution" in capsys.readouterr().err
 
 
+def test_an_installation_without_a_room_says_what_to_do(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cli, "_ROOMS", ("drivers", "attic"))
+    assert cli.main(["--help"]) == _UNUSABLE
+    assert "No module named 'attic'; this installation is older" in capsys.readouterr().err
+
+
 def test_rooms_never_import_the_command_line_nor_print() -> None:
     for room in ("drivers", "acquisition", "mapping", "calibration_rigs", "simulation"):
         for path in (_ROOT / room).rglob("*.py"):
