@@ -16,9 +16,6 @@ from tests.drivers.test_vibration_decode import CAPTURED_REPLY, MANUAL_FRAME
 from tests.fakes.vibration_bytes import frame_of, random_frames, with_checksum
 from tests.fakes.vibration_damage import damaged_stream, pieces
 
-# A hundred thousand together; most for the one without a checksum.
-_COUNTS = {name: 40_000 if name == "wtvb01-bt50" else 20_000 for name in shipped_profiles()}
-
 
 def _parsed(profile: VibrationProfile, *chunks: bytes) -> list[bytes]:
     parser = FrameParser(profile)
@@ -31,16 +28,16 @@ def _without_ranges(profile: VibrationProfile) -> VibrationProfile:
     return profile.model_copy(update={"field": fields})
 
 
-@pytest.mark.parametrize(("name", "count"), _COUNTS.items())
-def test_a_hundred_thousand_frames_with_garbage_in_one_of_twenty(name: str, count: int) -> None:
+@pytest.mark.parametrize("name", shipped_profiles())
+def test_a_hundred_thousand_frames_with_garbage_in_one_of_twenty(name: str) -> None:
     """See `DamagedStream` for what counts as undamaged.
 
     A checksum of 16 bits agrees with one damaged candidate in 65 536; benchmarks/serial_parser.py
     measures over many seeds what that comes to.
     """
     profile, rng = load_profile(name), random.Random(4)
-    stream = damaged_stream(profile, random_frames(profile, rng, count), rng)
-    assert len(stream.undamaged) > 0.95 * count
+    stream = damaged_stream(profile, random_frames(profile, rng, 100_000), rng)
+    assert len(stream.undamaged) > 95_000
     parser = FrameParser(profile)
     delivered: list[bytes] = []
     for piece in pieces(stream.data, rng):
@@ -51,12 +48,12 @@ def test_a_hundred_thousand_frames_with_garbage_in_one_of_twenty(name: str, coun
     sent = iter(stream.intact)
     assert all(frame in sent for frame in delivered), "invented, repeated or out of order"
     assert stream.undamaged <= set(delivered)
-    assert len(stream.intact) - len(delivered) < 6e-4 * count, "without a checksum"
+    assert len(stream.intact) - len(delivered) < 60, "without a checksum, of 1000 doubtful ones"
     counters = parser.counters
     assert counters.frames == len(delivered)
     lost = len(stream.data) - len(delivered) * profile.frame.shortest
     assert counters.garbage_bytes == lost - parser.pending_bytes
-    assert 0.04 * count < counters.resyncs < 0.055 * count
+    assert 4000 < counters.resyncs < 5500
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -107,7 +104,7 @@ def test_a_captured_reply_in_its_real_chunks() -> None:
 
 
 @pytest.mark.parametrize("name", shipped_profiles())
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**32), longest=st.integers(1, 200))
 def test_how_the_stream_is_cut_makes_no_difference(name: str, seed: int, longest: int) -> None:
     profile, rng = load_profile(name), random.Random(seed)
