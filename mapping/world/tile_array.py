@@ -83,7 +83,11 @@ class TileArray:
         return self._file(tile).exists()
 
     def tiles(self) -> set[Tile]:
-        """Return the tiles that were written."""
+        """Return the tiles that were written.
+
+        Raises:
+            OSError: the folder cannot be read.
+        """
         middle = ORIGIN_CELL // TILE_CELLS
         found = (file.parts[-2:] for file in self._files())
         return {(int(x) - middle, int(y) - middle) for y, x in found}
@@ -92,11 +96,15 @@ class TileArray:
         """Return a tile's layers (128, 128); all 0 where nothing was written.
 
         Raises:
-            MappingError: the tile is damaged.
+            MappingError: the tile is damaged, or may not be read.
         """
         try:
             planes = self._array[_place(tile)]
-        except (RuntimeError, ValueError, OSError) as error:
+        except OSError as error:
+            raise MappingError(
+                f"cannot read {self._file(tile)}: {error.strerror}; make it readable"
+            ) from error
+        except (RuntimeError, ValueError) as error:
             raise MappingError(
                 f"{self._file(tile)} is damaged ({error}); take it from a backup, or delete it to "
                 "go on without that tile"
@@ -155,7 +163,11 @@ class TileArray:
         return array.with_config({"write_empty_chunks": True})
 
     def _files(self) -> Iterator[Path]:
-        return (file for file in self.path.glob(f"{_TILES}/0/*/*") if file.name.isdigit())
+        if not (self.path / _TILES).exists():
+            return
+        # Unlike a glob, this does not pass over what may not be read.
+        for folder, _, names in os.walk(self.path / _TILES, onerror=_refuse):
+            yield from (Path(folder, name) for name in names if name.isdigit())
 
     def _file(self, tile: Tile) -> Path:
         x, y = (ORIGIN_CELL // TILE_CELLS + number for number in tile)
@@ -174,6 +186,10 @@ def load_zarr() -> ModuleType:
         raise MappingError(
             "a world map needs zarr, which is not installed; run pip install 'terravibe[world]'"
         ) from error
+
+
+def _refuse(error: OSError) -> None:
+    raise error
 
 
 def _place(tile: Tile) -> tuple[slice, slice, slice]:

@@ -11,14 +11,17 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
 from acquisition.errors import StreamError
+from acquisition.files import check_target
 from mapping.cells.cell_layers import CellLayers
 from mapping.errors import MappingError
 from mapping.motion.run_state import RunState, fresh_run
+from mapping.world.failures import no_world, reason, unreadable, unwritable
 from mapping.world.planes import plane_names
 from mapping.world.run_file import MOTIONS_FILE, RUN_FILE, RunFile, SavedRun
 from mapping.world.tile_array import ARRAY_FILE, ORIGIN_CELL, TileArray, load_zarr
@@ -55,6 +58,8 @@ class TileStore:
             MappingError: zarr is missing, there is something at `path`, or it cannot be written.
         """
         load_zarr()
+        if path.exists() and not path.is_dir():
+            raise MappingError(f"{path} is a file; a world is a folder: give another name")
         is_missing = not path.exists()
         try:
             path.mkdir(parents=True, exist_ok=True)
@@ -89,13 +94,13 @@ class TileStore:
         _home(path, writable=False)
         lock = locked(path)
         try:
+            check_target(path / RUN_FILE)
             store = cls(path, lock)
             store._put_in_order()
-        except OSError as error:
+        except BaseException as error:
             lock.close()
-            raise _unwritable(path, error) from error
-        except BaseException:
-            lock.close()
+            if isinstance(error, OSError | StreamError):
+                raise unwritable(path, error) from error
             raise
         return store
 
@@ -154,19 +159,24 @@ class TileStore:
                     staged.write(tile, layers)
                 staged.synchronise()
                 self._run_file.write(saved)
-            except OSError:
+            except (OSError, StreamError):
                 staged.clear()
                 raise
             self._saved = saved
             staged.hand_over(self._home)
-        except OSError as error:
-            raise _unwritable(self.path, error) from error
-        except StreamError as error:
-            raise MappingError(str(error)) from error
+        except (OSError, StreamError) as error:
+            raise unwritable(self.path, error) from error
 
     def tiles(self) -> list[Tile]:
-        """Return the tiles that were written, in order."""
-        return sorted(self._home.tiles() | self._staged[self._saved.save % 2].tiles())
+        """Return the tiles that were written, in order.
+
+        Raises:
+            MappingError: the folder cannot be read.
+        """
+        try:
+            return sorted(self._home.tiles() | self._staged[self._saved.save % 2].tiles())
+        except OSError as error:
+            raise unreadable(self.path) from error
 
     def close(self) -> None:
         """Let another write; does nothing the second time."""
@@ -209,7 +219,7 @@ def _home(path: Path, *, writable: bool) -> TileArray:
         about: Any = array.attributes[_ABOUT]
         found = about["format"], about["planes"]
     except (OSError, KeyError, ValueError, TypeError) as error:
-        raise _no_world(path) from error
+        raise no_world(path) from error
     planes = list(plane_names())
     if found[0] == 1:
         raise MappingError(
@@ -222,19 +232,6 @@ def _home(path: Path, *, writable: bool) -> TileArray:
             f"expected {_FORMAT} and {planes}"
         )
     return array
-
-
-def _no_world(path: Path) -> MappingError:
-    if not path.exists():
-        return MappingError(f"there is no world at {path}; check the name")
-    return MappingError(f"{path} is no world map; give a folder made by 'terravibe map --world'")
-
-
-def _unwritable(path: Path, error: OSError) -> MappingError:
-    return MappingError(
-        f"cannot write to the world {path}: {error.strerror or error}; free some space or give a "
-        "writable folder, then go on with --continue"
-    )
 
 
 def _furnish(path: Path, about: Mapping[str, object]) -> None:
@@ -253,13 +250,14 @@ def _furnish(path: Path, about: Mapping[str, object]) -> None:
     }
     try:
         for name in _STAGED:
+            shutil.rmtree(path / name, ignore_errors=True)
             TileArray.make(path / name, {})
         RunFile(path).write(SavedRun(0, fresh_run()))
         TileArray.make(path, {_ABOUT: attributes})
     except (OSError, StreamError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
         raise MappingError(
-            f"cannot make a world in {path}: {reason}; free some space or give a writable folder"
+            f"cannot make a world in {path}: {reason(error)}; free some space or give a writable "
+            "folder"
         ) from error
 
 
@@ -273,10 +271,12 @@ def _check_empty(path: Path) -> None:
 
 
 def _remove(path: Path, *, folder_too: bool) -> None:
-    """Remove a world in which nothing was saved."""
-    for name in _STAGED:
-        shutil.rmtree(path / name, ignore_errors=True)
-    for name in (ARRAY_FILE, RUN_FILE, MOTIONS_FILE, LOCK_FILE):
-        (path / name).unlink(missing_ok=True)
-    if folder_too and not any(path.iterdir()):
-        path.rmdir()
+    """Remove a world in which nothing was saved, as far as the system lets us."""
+    with suppress(OSError):
+        (path / ARRAY_FILE).unlink(missing_ok=True)
+        for name in _STAGED:
+            shutil.rmtree(path / name, ignore_errors=True)
+        for name in (RUN_FILE, MOTIONS_FILE, LOCK_FILE):
+            (path / name).unlink(missing_ok=True)
+        if folder_too and not any(path.iterdir()):
+            path.rmdir()

@@ -60,6 +60,11 @@ def check_continues(store: TileStore, settings: MapSettings) -> None:
         )
 
 
+def is_world(path: Path) -> bool:
+    """Tell whether a name is meant for a world: of a folder, or of one that is not there."""
+    return path.is_dir() or (path.suffix == ".zarr" and not path.exists())
+
+
 def read_world(path: Path, window_m: Sequence[float] | None = None) -> ElevationMap:
     """Return a rectangle of a world as of its last save, also while the world is being written.
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zarr
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -96,8 +97,6 @@ def test_what_is_no_world_is_refused(tmp_path: Path) -> None:
             make(tmp_path)
         with pytest.raises(MappingError, match=r"there is no world at .*/missing; check the name"):
             make(tmp_path / "missing")
-    import zarr
-
     zarr.create_array(tmp_path / "other", shape=(3,), chunks=(3,), dtype="f8")
     with pytest.raises(MappingError, match="is no world map"):
         TileStore.read_only(tmp_path / "other")
@@ -107,6 +106,8 @@ def test_a_place_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(MappingError, match=r"cannot make the folder .*; give one that can be"):
         TileStore.create(tmp_path / "file" / "w", ABOUT)
+    with pytest.raises(MappingError, match=r"/file is a file; a world is a folder: give another"):
+        TileStore.create(tmp_path / "file", ABOUT)
     (tmp_path / "w" / "writer.lock").mkdir(parents=True)
     with pytest.raises(MappingError, match=r"cannot write to the world .* give a writable folder"):
         TileStore.create(tmp_path / "w", ABOUT)
@@ -149,6 +150,18 @@ def test_a_damaged_tile_is_named(tmp_path: Path, damage: str) -> None:
             store.read((0, 0))
 
 
+def test_a_tile_that_may_not_be_read_is_not_called_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def forbidden(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    with TileStore.create(tmp_path / "w", ABOUT) as store:
+        monkeypatch.setattr(zarr.Array, "__getitem__", forbidden)
+        with pytest.raises(MappingError, match=r"cannot read .*: Permission denied; make it read"):
+            store.read((0, 0))
+
+
 def test_a_full_disk_is_said_and_the_old_tile_stays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -163,6 +176,7 @@ def test_a_full_disk_is_said_and_the_old_tile_stays(
             patch.setattr(Path, "replace", full)
             with pytest.raises(MappingError, match="No space left on device; free some space"):
                 store.save({(0, 0): new}, fresh_run())
+        assert not list((tmp_path / "w").glob("staged.?/c"))
         assert same(store.read((0, 0)), old)
 
 
@@ -219,3 +233,26 @@ def test_settings_in_a_world_are_those_it_was_made_with(tmp_path: Path) -> None:
         check_continues(store, settings)
         with pytest.raises(MappingError, match=r"has cells of 0\.03 m, the settings ask for 0\.04"):
             check_continues(store, MapSettings())
+
+
+def test_a_disk_that_is_full_from_the_start_keeps_nothing_of_a_new_world(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole_make = TileArray.make
+
+    def make(path: Path, attributes: dict[str, object]) -> None:
+        if attributes:
+            raise OSError(28, "No space left on device")
+        whole_make(path, attributes)
+
+    monkeypatch.setattr(TileArray, "make", make)
+    with pytest.raises(MappingError, match=r"cannot make a world in .*: No space left on device;"):
+        TileStore.create(tmp_path / "w", ABOUT)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_kill_left_of_making_a_world_does_not_stand_in_its_way(tmp_path: Path) -> None:
+    TileStore.create(tmp_path / "w", ABOUT).close()
+    (tmp_path / "w" / "zarr.json").unlink()  # the last that is written
+    with TileStore.create(tmp_path / "w", ABOUT) as store:
+        assert store.tiles() == []
