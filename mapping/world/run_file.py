@@ -117,6 +117,11 @@ class RunFile:
         return np.concatenate([np.zeros((1, _COLUMNS)), known])
 
 
+def unfinished(folder: Path) -> list[Path]:
+    """Return what a killed writer of the run has left."""
+    return list(folder.glob(f".{Path(RUN_FILE).stem}.*.part.json"))
+
+
 def _run_of(found: dict[str, Any], sums: Float64Array) -> RunState:
     anchor_x_m, anchor_y_m = map(float, found["anchor_m"])
     x_m, y_m = map(float, found["place_m"])

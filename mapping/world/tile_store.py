@@ -23,7 +23,7 @@ from mapping.errors import MappingError
 from mapping.motion.run_state import RunState, fresh_run
 from mapping.world.failures import no_world, reason, unreadable, unwritable
 from mapping.world.planes import plane_names
-from mapping.world.run_file import MOTIONS_FILE, RUN_FILE, RunFile, SavedRun
+from mapping.world.run_file import MOTIONS_FILE, RUN_FILE, RunFile, SavedRun, unfinished
 from mapping.world.tile_array import ARRAY_FILE, ORIGIN_CELL, TileArray, load_zarr
 from mapping.world.tiles import Tile
 from mapping.world.writer_lock import LOCK_FILE, locked
@@ -200,9 +200,7 @@ class TileStore:
 
     def _put_in_order(self) -> None:
         """Finish or undo the save that a killed writer was at."""
-        for left in self.path.rglob("*.partial"):
-            left.unlink()
-        for left in self.path.glob(f".{Path(RUN_FILE).stem}.*.part.json"):
+        for left in [*self.path.rglob("*.partial"), *unfinished(self.path)]:
             left.unlink()
         self._staged[(self._saved.save + 1) % 2].clear()
         self._staged[self._saved.save % 2].hand_over(self._home)
@@ -263,7 +261,7 @@ def _furnish(path: Path, about: Mapping[str, object]) -> None:
 
 def _check_empty(path: Path) -> None:
     """Refuse a folder with anything in it, but for what is left of a world that was never begun."""
-    names = {item.name for item in path.iterdir()} - {LOCK_FILE}
+    names = {item.name for item in path.iterdir() if item not in unfinished(path)} - {LOCK_FILE}
     if ARRAY_FILE in names or not names <= {*_STAGED, RUN_FILE, MOTIONS_FILE}:
         raise MappingError(
             f"{path} is not empty; give --continue to add to the world in it, or a new name"
@@ -276,7 +274,7 @@ def _remove(path: Path, *, folder_too: bool) -> None:
         (path / ARRAY_FILE).unlink(missing_ok=True)
         for name in _STAGED:
             shutil.rmtree(path / name, ignore_errors=True)
-        for name in (RUN_FILE, MOTIONS_FILE, LOCK_FILE):
-            (path / name).unlink(missing_ok=True)
+        for file in [path / RUN_FILE, path / MOTIONS_FILE, path / LOCK_FILE, *unfinished(path)]:
+            file.unlink(missing_ok=True)
         if folder_too and not any(path.iterdir()):
             path.rmdir()

@@ -254,5 +254,6 @@ def test_a_disk_that_is_full_from_the_start_keeps_nothing_of_a_new_world(
 def test_what_a_kill_left_of_making_a_world_does_not_stand_in_its_way(tmp_path: Path) -> None:
     TileStore.create(tmp_path / "w", ABOUT).close()
     (tmp_path / "w" / "zarr.json").unlink()  # the last that is written
+    (tmp_path / "w" / ".run.0123.part.json").touch()
     with TileStore.create(tmp_path / "w", ABOUT) as store:
         assert store.tiles() == []
