@@ -34,13 +34,12 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_info(options: argparse.Namespace, console: Console) -> int:
     """Say what a recording, a map or a world holds."""
-    is_world = (options.file / "zarr.json").exists()
-    if is_world or options.file.suffix == ".nc":
+    if options.file.is_dir() or options.file.suffix in (".nc", ".zarr"):
         from mapping.output.map_file import read_map
         from mapping.output.map_summary import summarise
-        from mapping.world.world_map import read_world
+        from mapping.world.world_map import is_world, read_world
 
-        map_ = read_world(options.file) if is_world else read_map(options.file)
+        map_ = read_world(options.file) if is_world(options.file) else read_map(options.file)
         show(console, summarise(map_), as_json=options.json)
     else:
         from acquisition.inspection import inspect

@@ -30,7 +30,7 @@ from mapping.settings import MapSettings
 from mapping.stored_settings import flat, overlaid
 from mapping.world.tile_store import TileStore
 from mapping.world.world_grid import WorldGrid
-from mapping.world.world_map import about_world, check_same_cells
+from mapping.world.world_map import about_world, check_continues
 
 Method = Literal["corrected", "paper2019"]
 
@@ -104,10 +104,10 @@ def map_stream(
             progress(message)
         mapper = mapper or _mapper_for(options, reader.metadata, resources, poses.append)
         mapper.finish()
-    report = reader.report
-    attributes = _attributes(mapper, report)
+        report = reader.report
+        map_ = mapper.elevation_map(_attributes(mapper, report))
     return MapResult(
-        map=mapper.elevation_map(attributes),
+        map=map_,
         report=report,
         counts=mapper.counts,
         settings=mapper.settings,
@@ -174,7 +174,7 @@ def _world_grid(
         )
     if options.continue_world:
         store = resources.enter_context(TileStore.reopen(options.world))
-        check_same_cells(store, settings)
+        check_continues(store, settings)
     else:
         about = about_world(settings, noise)
         store = resources.enter_context(TileStore.create(options.world, about))
