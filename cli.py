@@ -255,10 +255,13 @@ def _recorded_with(scenario: Scenario) -> tuple[list[StaticTransform], dict[str,
 
 def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe simulate`."""
+    from acquisition.commands.arguments import product
+
     names = "simulation, smooth, rough, indoor or outdoor"
     parser.add_argument("scenario", metavar="SCENARIO", help=names)
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="RUN.mcap")
-    parser.add_argument("--truth", type=Path, required=True, metavar="TRUTH.nc")
+    mcap, nc = product(".mcap"), product(".nc")
+    parser.add_argument("-o", "--output", type=mcap, required=True, metavar="RUN.mcap")
+    parser.add_argument("--truth", type=nc, required=True, metavar="TRUTH.nc")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything (1)")
     parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="in all (20)")
     parser.add_argument("--poses", choices=("true", "mocap"), help="instead of the scenario's own")
@@ -268,13 +271,10 @@ def run_simulate(options: argparse.Namespace, console: Terminal) -> int:
     """Drive, record and tell the truth; both files appear, or none."""
     from acquisition.files import replacing
     from acquisition.importing import record_all
-    from simulation.errors import SimulationError
     from simulation.scenario_source import ScenarioSource
     from simulation.scenarios import make_scenario
 
     output, truth, seconds = options.output, options.truth, options.seconds
-    if output.resolve() == truth.resolve():
-        raise SimulationError(f"recording and truth are both {output}; give two names")
     begin = time.monotonic()
     scenario = make_scenario(options.scenario, options.seed, seconds, options.poses)
     mounts, settings = _recorded_with(scenario)

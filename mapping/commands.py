@@ -14,6 +14,7 @@ from math import inf, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
+from acquisition.commands.arguments import product, seconds
 from acquisition.commands.console import CHECK_FAILED, OK, Console, show
 from mapping.poses.settings import PoseSourceName, TiltSource
 
@@ -53,11 +54,26 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe map`; options left out keep the recording's values or the defaults."""
     add = parser.add_argument
     add("recording", help="MCAP file, or - for standard input")
-    add("-o", "--output", type=Path, metavar="FILE.nc", help="required without --world")
-    add("--follow", action="store_true", help="map a file that is still being written")
-    add("--idle-timeout-s", type=float, default=inf, metavar="S", help="with --follow: give up")
     add(
-        "--reorder-window-s", type=float, default=0.5, metavar="S", help="how late a message may be"
+        "-o",
+        "--output",
+        type=product(".nc"),
+        metavar="FILE.nc",
+        help="required without --world",
+    )
+    add("--follow", action="store_true", help="map a file that is still being written")
+    add(
+        "--idle-timeout-s",
+        type=seconds,
+        metavar="S",
+        help="with --follow: the longest silence",
+    )
+    add(
+        "--reorder-window-s",
+        type=seconds,
+        default=0.5,
+        metavar="S",
+        help="how late a message may be (0.5)",
     )
     add("--resolution", dest="resolution_m", type=float, metavar="M", help="cell size (0.04)")
     add("--grid", choices=("growing", "scrolling"), help="keep everything, or a window")
@@ -121,16 +137,26 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
 
 
 def _check_targets(options: argparse.Namespace) -> None:
-    """Refuse what cannot be written before the long work."""
-    from acquisition.files import check_target
+    """Refuse what cannot be written, and what would do nothing, before the long work."""
+    from acquisition.files import check_folder, check_target, refuse_same_file
     from mapping.errors import MappingError
 
-    if options.output:
-        check_target(options.output)
-    elif not options.world:
+    if not options.output and not options.world:
         raise MappingError("nothing to write; give -o FILE.nc, --world DIR.zarr, or both")
-    if options.trajectory:
-        check_target(options.trajectory)
+    targets = [target for target in (options.output, options.trajectory) if target]
+    for target in targets:
+        check_target(target)
+        refuse_same_file(Path(options.recording), target)
+    if len(targets) == 2:
+        refuse_same_file(*targets)
+    if options.figures:
+        check_folder(options.figures)
+    if options.idle_timeout_s is not None and not options.follow:
+        raise MappingError("--idle-timeout-s is for --follow; give both or none")
+    if options.noise and options.calibrations:
+        raise MappingError("--noise and --calibrations both say the noise; give one of them")
+    if options.window_m is not None and options.grid == "growing":
+        raise MappingError("a growing map has no window; leave --window-m out")
     if options.world and options.grid == "growing":
         raise MappingError("a world is mapped through a scrolling window; leave --grid out")
     if options.world and options.method == "paper2019":
@@ -181,7 +207,9 @@ def _byte_source(options: argparse.Namespace) -> Iterator[ByteSource]:
         with (
             _interrupt_as_stop() as stop,
             GrowingFile(
-                Path(options.recording), idle_timeout_s=options.idle_timeout_s, stop=stop
+                Path(options.recording),
+                idle_timeout_s=inf if options.idle_timeout_s is None else options.idle_timeout_s,
+                stop=stop,
             ) as growing,
         ):
             yield growing
@@ -269,12 +297,16 @@ def run_evaluate(options: argparse.Namespace, console: Console) -> int:
 
     if options.subject[0] == "odometry":
         return compare_trajectories(options, console)
+    if options.align is not None:
+        raise MappingError("--align is for evaluate odometry; a map is judged where it lies")
     if len(options.subject) != 1 or (options.truth is None and options.floor_height_m is None):
         raise MappingError(
             "give one map with --truth FILE.nc or --floor-height-m M, or odometry EST TRUTH"
         )
     map_ = read_map(Path(options.subject[0]))
     scores: Scores | FloorScores
+    if options.truth and options.box:
+        raise MappingError("--box is for --floor-height-m; a truth knows its boxes")
     if options.truth:
         scores = _evaluate_truth(map_, options, console)
     elif options.trajectory or options.figures:
@@ -296,6 +328,12 @@ def _evaluate_truth(map_: ElevationMap, options: argparse.Namespace, console: Co
 
     truth = read_truth(options.truth)
     believed = read_trajectory(options.trajectory) if options.trajectory else None
+    pose_source = map_.attributes.get("setting_pose_source", "mocap")
+    if believed is None and pose_source != "mocap":
+        console.note(
+            f"warning: the map's poses are those of {pose_source}, and count as true here: what is "
+            "off in the world is so for the rover too; give them with --trajectory"
+        )
     scores = evaluate_truth(map_, truth, believed=believed)
     if options.figures:
         with console.progress(f"drawing into {options.figures}"):

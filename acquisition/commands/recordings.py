@@ -9,7 +9,7 @@ import argparse
 from math import radians
 from pathlib import Path
 
-from acquisition.commands.arguments import numbers
+from acquisition.commands.arguments import numbers, product
 from acquisition.commands.console import CHECK_FAILED, OK, Console
 
 
@@ -29,7 +29,7 @@ def add_import_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_common_import_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("folder", type=Path)
-    add("-o", "--output", type=Path, required=True, metavar="FILE.mcap")
+    add("-o", "--output", type=product(".mcap"), required=True, metavar="FILE.mcap")
     add(
         "--intrinsics",
         type=numbers(4, "fx,fy,cx,cy in pixels"),
