@@ -128,13 +128,14 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
-    shadowed = _shadowed_room()
-    if shadowed:
-        return _fail(shadowed)
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    name, options = _parse(words)
     try:
-        return _run(name, options)
+        shadowed = _shadowed_room()
+        if shadowed:
+            return _fail(shadowed)
+        return _run(*_parse(list(sys.argv[1:] if arguments is None else arguments)))
+    except KeyboardInterrupt:
+        print("terravibe: interrupted; no file is left half-written", file=sys.stderr)
+        return _INTERRUPTED
     except BrokenPipeError:
         # Whoever read our output has gone; keep the interpreter from complaining at exit.
         sys.stdout = None
@@ -181,9 +182,6 @@ def _run(name: str, options: argparse.Namespace) -> int:
         return _member(name, "run_{}")(options, Terminal())
     except TerravibeError as error:
         return _fail(str(error))
-    except KeyboardInterrupt:
-        print("terravibe: interrupted; no output was written", file=sys.stderr)
-        return _INTERRUPTED
     except BrokenPipeError:
         raise
     except OSError as error:

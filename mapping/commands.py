@@ -155,8 +155,6 @@ def _check_targets(options: argparse.Namespace) -> None:
         raise MappingError("--idle-timeout-s is for --follow; give both or none")
     if options.noise and options.calibrations:
         raise MappingError("--noise and --calibrations both say the noise; give one of them")
-    if options.window_m is not None and options.grid == "growing":
-        raise MappingError("a growing map has no window; leave --window-m out")
     if options.world and options.grid == "growing":
         raise MappingError("a world is mapped through a scrolling window; leave --grid out")
     if options.world and options.method == "paper2019":

@@ -132,7 +132,9 @@ class MapSettings:
                 )
         for name in _NOT_NEGATIVE:
             if not 0.0 <= getattr(self, name) <= _LARGEST:
-                raise MappingError(f"{name} is {getattr(self, name)}; expected 0 to {_LARGEST:g}")
+                raise MappingError(
+                    f"{name} is {getattr(self, name)}; expected 0 or more, to {_LARGEST:g}"
+                )
         for low, high in _ORDERED:
             if getattr(self, low) >= getattr(self, high):
                 raise MappingError(

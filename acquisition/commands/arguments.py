@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from math import isfinite
 from pathlib import Path
 
 
 def numbers(count: int | None, form: str) -> Callable[[str], tuple[float, ...]]:
-    """Return a parser of comma-separated numbers; `form` describes them in the error.
+    """Return a parser of comma-separated finite numbers; `form` describes them in the error.
 
     `count`: how many there must be; None for any number.
     """
@@ -18,7 +19,7 @@ def numbers(count: int | None, form: str) -> Callable[[str], tuple[float, ...]]:
             values = tuple(float(part) for part in text.split(","))
         except ValueError:
             values = ()
-        if not values or len(values) != (count or len(values)):
+        if not values or len(values) != (count or len(values)) or not all(map(isfinite, values)):
             raise argparse.ArgumentTypeError(f"found {text!r}, expected {form}")
         return values
 

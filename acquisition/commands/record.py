@@ -195,8 +195,8 @@ def add_cut_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("recording", type=Path)
     add("-o", "--output", type=product(".mcap"), required=True, metavar="FILE.mcap")
-    add("--start-s", type=float, metavar="S", help="seconds after the first message")
-    add("--end-s", type=float, metavar="S", help="seconds after the first message")
+    add("--start-s", type=seconds, metavar="S", help="seconds after the first message")
+    add("--end-s", type=seconds, metavar="S", help="seconds after the first message")
     add("--start-ns", type=int, metavar="NS", help="log time instead")
     add("--end-ns", type=int, metavar="NS", help="log time instead")
     add("--topics", type=lambda text: text.split(","), metavar="TOPIC,...", help="only these")
