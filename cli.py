@@ -48,13 +48,9 @@ _COMMANDS = {
     "cut": _Command("copy a part of a recording", "acquisition.commands.record"),
     "merge": _Command("copy several recordings into one", "acquisition.commands.record"),
     "map": _Command("turn a recording into an elevation map", "mapping.commands"),
-    "odometry": _Command(
-        "find the rover's way from vibration, gyro and wheels", "mapping.odometry_commands"
-    ),
-    "export": _Command(
-        "convert a map to GeoTIFF, PLY or PNG, draw figures", "mapping.output.commands"
-    ),
-    "evaluate": _Command("compare a map or a trajectory with the truth", "mapping.commands"),
+    "odometry": _Command("find the rover's way from its own sensors", "mapping.odometry_commands"),
+    "export": _Command("convert a map to GeoTIFF, PLY, PNG; draw it", "mapping.output.commands"),
+    "evaluate": _Command("compare a map or a way with the truth", "mapping.judging.commands"),
     "calibrate": _Command("make calibration files on a rig", "calibration_rigs.commands"),
     "warmup": _Command("compile the mapping kernels now", "mapping.commands"),
 }
@@ -213,7 +209,8 @@ def _shadowed_room() -> str:
 
 def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe demo`."""
-    parser.add_argument("--out", type=Path, default=Path("terravibe-demo"), metavar="DIR")
+    out = Path("terravibe-demo")
+    parser.add_argument("--out", type=Path, default=out, metavar="DIR", help=f"({out})")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything (1)")
     parser.add_argument("--seconds", type=float, default=15.0, metavar="S", help="in all (15)")
     parser.add_argument("--json", action="store_true", help="print the scores as JSON")

@@ -11,7 +11,7 @@ from acquisition.commands.console import OK, Console, show
 def add_odometry_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe odometry`."""
     add = parser.add_argument
-    add("recording", type=Path)
+    add("recording", type=Path, help="of accelerations or vibration, yaw rates, wheels")
     add(
         "-o",
         "--output",
@@ -20,7 +20,12 @@ def add_odometry_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="EST",
         help=".nc with covariances, else a TUM file",
     )
-    add("--method", choices=("filter", "paper2019"), default="filter", help="(filter)")
+    add(
+        "--method",
+        choices=("filter", "paper2019"),
+        default="filter",
+        help="paper2019: as printed, to compare (filter)",
+    )
     add("--rate-hz", type=float, default=50.0, metavar="HZ", help="poses per second (50)")
     add("--without-wheels", action="store_true", help="vibration and gyro alone")
     add("--with-poses", action="store_true", help="recorded poses count as measurements")

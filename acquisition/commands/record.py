@@ -140,7 +140,9 @@ def add_config_arguments(parser: argparse.ArgumentParser) -> None:
         ("show", "print every setting, defaults included, as JSON"),
     ):
         action = actions.add_parser(name, help=text)
-        action.add_argument("file", type=Path, nargs="?", default=Path("rover.toml"))
+        action.add_argument(
+            "file", type=Path, nargs="?", default=Path("rover.toml"), help="(rover.toml)"
+        )
     actions.add_parser("unit", help="print the systemd unit file of the recorder")
 
 
@@ -171,9 +173,9 @@ def run_config(options: argparse.Namespace, console: Console) -> int:
 
 def add_recover_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe recover`."""
-    parser.add_argument("recording", type=Path)
+    parser.add_argument("recording", type=Path, help="damaged, or cut short")
     parser.add_argument("-o", "--output", type=product(".mcap"), required=True, metavar="FILE.mcap")
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--json", action="store_true", help="print what was lost as JSON")
 
 
 def run_recover(options: argparse.Namespace, console: Console) -> int:
@@ -193,14 +195,14 @@ def run_recover(options: argparse.Namespace, console: Console) -> int:
 def add_cut_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe cut`."""
     add = parser.add_argument
-    add("recording", type=Path)
+    add("recording", type=Path, help="stays as it is")
     add("-o", "--output", type=product(".mcap"), required=True, metavar="FILE.mcap")
     add("--start-s", type=seconds, metavar="S", help="seconds after the first message")
     add("--end-s", type=seconds, metavar="S", help="seconds after the first message")
     add("--start-ns", type=int, metavar="NS", help="log time instead")
     add("--end-ns", type=int, metavar="NS", help="log time instead")
     add("--topics", type=lambda text: text.split(","), metavar="TOPIC,...", help="only these")
-    add("--json", action="store_true")
+    add("--json", action="store_true", help="print what was copied as JSON")
 
 
 def run_cut(options: argparse.Namespace, console: Console) -> int:
@@ -224,9 +226,9 @@ def run_cut(options: argparse.Namespace, console: Console) -> int:
 
 def add_merge_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe merge`."""
-    parser.add_argument("recordings", type=Path, nargs="+")
+    parser.add_argument("recordings", type=Path, nargs="+", help="in any order")
     parser.add_argument("-o", "--output", type=product(".mcap"), required=True, metavar="FILE.mcap")
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--json", action="store_true", help="print what was copied as JSON")
 
 
 def run_merge(options: argparse.Namespace, console: Console) -> int:
