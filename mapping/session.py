@@ -223,11 +223,19 @@ def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:
     """Return the settings with what the recording says, where the user says nothing.
 
     Raises:
-        MappingError: the recording's map section is none.
+        MappingError: the recording's map section is none, or the user gave what has no effect.
     """
-    if section is None:
-        return options.settings
-    return overlaid(options.settings, section, options.given, "the recording's map section")
+    settings = options.settings
+    if section is not None:
+        where = "the recording's map section"
+        settings = overlaid(settings, section, options.given, where)
+    if "window_m" in options.given and settings.grid == "growing":
+        raise MappingError("window_m is given, but a growing map has none; use a scrolling grid")
+    if "tilt_source" in options.given and not settings.pose_source.startswith("ego-motion"):
+        raise MappingError(
+            f"tilt_source is given, but poses from {settings.pose_source} have their own tilt"
+        )
+    return settings
 
 
 def _first(*candidates: object) -> float:
