@@ -15,10 +15,10 @@ from calibration_rigs.plate_rig.plane import DisparityPlane, pixels_of
 from calibration_rigs.plate_rig.quantised import (
     QuantisedSpread,
     count_readings,
-    expected_shares,
     fit_spread,
 )
 from calibration_rigs.plate_rig.segmentation import Segment
+from calibration_rigs.plate_rig.step_law import expected_shares
 from drivers.samples import CameraIntrinsics
 
 Float64Array = NDArray[np.float64]
@@ -31,6 +31,8 @@ _FACING_RAD = radians(12.0)
 _PIXELS_AT_MOST = 20_000
 _PATCH_PX = 12
 _PATCHES_A_SIDE = 6
+# Two pieces hardly tell their own spread: t has one degree of freedom.
+_PATCHES_AT_LEAST = 3
 # Below this share of its length the mean of unit vectors says nothing about their direction.
 _COMB_VISIBLE = 0.1
 _SPACINGS_PX = (8, 4, 2, 1)
@@ -171,7 +173,7 @@ def _comb_offset(readings: Float64Array) -> float:
 
 def _patches(u: Float64Array, v: Float64Array) -> IntArray:
     """Return the patch of each pixel: rows of equal size, cut into pieces of equal size."""
-    rows = int(np.clip(np.ptp(v) // _PATCH_PX, 1, 2 * _PATCHES_A_SIDE))
+    rows = int(np.clip(np.ptp(v) // _PATCH_PX, _PATCHES_AT_LEAST, 2 * _PATCHES_A_SIDE))
     columns = int(np.clip(np.ptp(u) // _PATCH_PX, 1, _PATCHES_A_SIDE))
     rows = min(rows, max(_PATCHES_A_SIDE, 36 // columns))
     row = np.argsort(np.argsort(v, kind="stable"), kind="stable") * rows // v.size
