@@ -23,6 +23,7 @@ from mapping.errors import MappingError
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.noise import DepthNoiseModel
 from mapping.settings import MapSettings
+from mapping.undistortion import Undistortion
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -67,8 +68,20 @@ class FrameReducer:
     """Sums a frame's pixels per cell; keeps its work arrays from frame to frame."""
 
     def __init__(
-        self, camera: CameraIntrinsics, noise: DepthNoiseModel, settings: MapSettings
+        self,
+        camera: CameraIntrinsics,
+        noise: DepthNoiseModel,
+        settings: MapSettings,
+        undistortion: Undistortion | None = None,
     ) -> None:
+        """Make the constants of a camera.
+
+        Raises:
+            MappingError: the undistortion is for images of another size.
+        """
+        if undistortion is not None:
+            undistortion.check_camera(camera)
+        self._undistortion = undistortion
         self._camera = camera
         self._noise = noise
         self._settings = settings
@@ -127,7 +140,13 @@ class FrameReducer:
             )
         # numba compiles once more for arrays that are read-only, as a stream's are.
         plain = np.require(depth_mm, requirements=["C", "A", "W"])
-        return kernels.ranges_from_millimetres(plain, self._range, self._baseline_px, self._z_m)
+        count = kernels.ranges_from_millimetres(plain, self._range, self._baseline_px, self._z_m)
+        if self._undistortion is None:
+            return count
+        inside = self._z_m[self._baseline_px : -self._baseline_px, :]
+        inside = inside[:, self._baseline_px : -self._baseline_px]
+        noise = self._noise
+        return self._undistortion.straighten(inside, noise.range_min_m, noise.range_max_m)
 
     def reduce(self, view: View, window: CellWindow) -> tuple[Float64Array, int]:
         """Sum the loaded frame over the cells of `window`.

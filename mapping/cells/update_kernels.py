@@ -3,11 +3,13 @@
 All arithmetic is float64; most stored layers are float32. Cells are taken in blocks: gathered into
 one array, updated by a loop without a branch that the compiler turns into vector instructions, and
 put back. Each cell is on its own, so the result depends neither on order nor on the vector width.
-All compiled code of the update is in this file: numba looks for changes in the file of a cached
-kernel, not in what it calls.
+All compiled code of the update is in this file, but for one formula of `mapping.noise`: numba looks
+for changes in the file of a cached kernel, not in what it calls.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -24,8 +26,12 @@ from mapping.cells.update_types import (
     Updated,
 )
 from mapping.motion.ledger import Motions
+from mapping.noise import independent_readings
 
 Float64Array = NDArray[np.float64]
+
+# The array formula compiled for one cell at a time.
+_independent: Any = njit(inline="always")(independent_readings)
 
 _MOST_PIXELS = 2.0**32 - 1.0
 # Cells of a block: all their numbers stay in the first-level cache.
@@ -97,7 +103,7 @@ def _reduce(sums: Sums, c: FrameConstants) -> Measurement:
     noise_m2 = sums.pixels * inverse_weight
     excess = spread * sums.pixels / max(sums.pixels - 1.0, 1.0) - noise_m2
     relief = excess if sums.pixels > 1.0 else 0.0
-    own = noise_m2 * min(c.correlation_area_px * inverse, 1.0) + max(relief, 0.0) * inverse
+    own = noise_m2 / _independent(sums.pixels, c.correlation_area_px) + max(relief, 0.0) * inverse
     return Measurement(
         mean + c.camera_z_m,
         own,

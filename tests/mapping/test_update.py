@@ -14,6 +14,7 @@ from mapping.cells.cell_layers import empty_layers
 from mapping.cells.update_constants import fusion_constants
 from mapping.cells.update_kernels import fuse
 from mapping.motion.ledger import at_rest
+from mapping.noise import independent_readings
 from mapping.settings import MapSettings
 from tests.mapping.cells import SECOND_NS, Cell, Seen, constants, sums_of
 
@@ -204,8 +205,8 @@ def test_relief_is_the_mean_over_all_degrees_of_freedom() -> None:
 
 def test_pixels_share_their_noise_over_the_correlation_area() -> None:
     fusion = fusion_constants(MapSettings(sigma_floor_m=1e-6))
-    expected = {1.0: 4e-4 / 12, 4.0: 4e-4 / 3, 12.0: 4e-4, 50.0: 4e-4}
-    for area, variance in expected.items():
+    for area in (1.0, 4.0, 12.0, 50.0):
+        variance = 4e-4 / float(independent_readings(np.array(12.0), area))
         layers = empty_layers(1, 1)
         sums = sums_of([1.0] * 12, 1.0 / 4e-4)
         fuse(sums, constants(correlation_area_px=area), fusion, layers, at_rest())
