@@ -40,6 +40,7 @@ from mapping.poses.choice import is_aligned, pose_errors_for, pose_source_for
 from mapping.poses.frame_covariance import frame_covariance
 from mapping.poses.motion import MotionTracker
 from mapping.settings import MapSettings
+from mapping.undistortion import Undistortion
 
 FloatArray = TypeVar("FloatArray", NDArray[np.float32], NDArray[np.float64])
 
@@ -58,6 +59,7 @@ class Mapper:
         pose_errors: PoseErrorModel | None = None,
         *,
         fallback: DepthNoiseModel | None = None,
+        undistortion: Undistortion | None = None,
         on_pose: Callable[[UncertainPose], None] = lambda _: None,
     ) -> None:
         """Start with an empty map, or with a grid that knows cells already.
@@ -70,6 +72,7 @@ class Mapper:
             pose_errors: where the poses' errors are counted; None = as suits their source.
             fallback: noise of readings that the settings want and `noise` does not cover;
                 None = such readings are not mapped.
+            undistortion: what to take off the depth camera's readings.
             on_pose: told the pose of every frame that is mapped.
 
         Raises:
@@ -77,6 +80,7 @@ class Mapper:
         """
         self.settings = settings
         self.noise = _within_both_ranges(settings, noise)
+        self.undistortion = undistortion
         self.pose_errors = pose_errors or pose_errors_for(settings)
         self.counts = MapperCounts()
         self._on_pose = on_pose
@@ -321,7 +325,9 @@ class Mapper:
     def _reducers_for(self, camera: CameraIntrinsics) -> list[FrameReducer]:
         if not self._reducers or self._reducers[0].camera != camera:
             noises = [self.noise, *self._fallbacks]
-            self._reducers = [FrameReducer(camera, noise, self.settings) for noise in noises]
+            self._reducers = [
+                FrameReducer(camera, noise, self.settings, self.undistortion) for noise in noises
+            ]
         return self._reducers
 
     def _count_poses(self) -> None:

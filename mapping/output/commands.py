@@ -40,6 +40,7 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_export(options: argparse.Namespace, console: Console) -> int:
     """Convert a map to what other programs read."""
+    from acquisition.files import refuse_same_file
     from mapping.errors import MappingError
     from mapping.output.export import export
     from mapping.output.map_file import write_map
@@ -48,6 +49,8 @@ def run_export(options: argparse.Namespace, console: Console) -> int:
         raise MappingError(
             "nothing to do; give -o FILE (.tif, .ply, .png, .nc), --figures DIR, or both"
         )
+    if options.output:
+        refuse_same_file(options.map, options.output)
     map_ = _map_or_world(options)
     if options.output:
         write = write_map if options.output.suffix == ".nc" else export
