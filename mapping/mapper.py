@@ -78,13 +78,13 @@ class Mapper:
         self.pose_errors = pose_errors or pose_errors_for(settings)
         self.counts = MapperCounts()
         self._on_pose = on_pose
-        self._ledger = MotionLedger(with_covariance=self.pose_errors.motion_covariance)
         self._rover_m = (0.0, 0.0)
         self._grid = grid or make_grid(settings)
         self._fusion = fusion_constants(settings)
         self._poses = pose_source_for(settings)
         absolute = settings.pose_source == "mocap"
         wanted = self.pose_errors.motion_covariance
+        self._ledger = MotionLedger(with_covariance=wanted or is_aligned(settings))
         self._motion = None if absolute else MotionTracker(self._poses, with_covariance=wanted)
         self._mounts = MountTree()
         self._localiser: Localiser | None = None
@@ -207,7 +207,7 @@ class Mapper:
             pose = self._localiser.refine(reducers[0], prior, mount, self._grid)
         if pose is None:
             return
-        self._follow(pose)
+        self._follow(pose, is_free=self._localiser is not None and not self._localiser.is_held)
         counted = replace(pose, covariance=frame_covariance(pose.covariance, self.pose_errors))
         view = View(counted, pose.transform @ mount)
         farthest = max(reducers, key=lambda reducer: reducer.noise.range_max_m)
@@ -261,11 +261,11 @@ class Mapper:
         """Follow the rover though there is no depth."""
         latest = self._poses.latest
         if latest is not None:
-            self._follow(latest)
+            self._follow(latest, is_free=self._localiser is not None)
 
-    def _follow(self, pose: UncertainPose) -> None:
-        """Let the map know how the rover has moved."""
-        motion = self._motion.step(pose) if self._motion else None
+    def _follow(self, pose: UncertainPose, *, is_free: bool) -> None:
+        """Let the map know how the rover has moved, and whether no map held it on the way."""
+        motion = self._motion.step(pose, is_free=is_free) if self._motion else None
         if motion is not None:
             self.move(motion)
         x_m, y_m, _ = pose.transform.translation_m.tolist()

@@ -35,6 +35,7 @@ class EstimatedPoses:
     """
 
     body_frame = BASE_FRAME
+    hears_map = True
 
     def __init__(
         self, settings: EgoMotionSettings, tilt_source: TiltSource, *, aligned: bool

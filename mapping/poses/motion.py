@@ -26,24 +26,32 @@ class MotionTracker:
 
     Args:
         poses: asked for the covariance of each motion.
-        with_covariance: whether anybody wants it; zeros otherwise.
+        with_covariance: whether every motion's is wanted; otherwise only those of motions that
+            `step` is told to be free, zeros for the others.
     """
 
     def __init__(self, poses: PoseSource, *, with_covariance: bool) -> None:
         self._poses = poses
         self._with_covariance = with_covariance
         self._last: UncertainPose | None = None
+        self._was_free = False
 
     def is_overdue(self, now_ns: int) -> bool:
         """Tell whether it is long since the last motion."""
         return self._last is not None and now_ns - self._last.t_ns > _OVERDUE_NS
 
-    def step(self, pose: UncertainPose) -> RelativeMotion | None:
-        """Return the motion since the last one; None while it is too short to be told."""
+    def step(self, pose: UncertainPose, *, is_free: bool = False) -> RelativeMotion | None:
+        """Return the motion since the last one; None while it is too short to be told.
+
+        Args:
+            pose: of the rover now.
+            is_free: a map that holds other poses does not hold this one.
+        """
         last = self._last
         if last is None:
             self._last = pose
             return None
+        self._was_free |= is_free
         way_m = float(np.linalg.norm(pose.transform.translation_m - last.transform.translation_m))
         turn_rad = yaw_of(last.transform.inverse() @ pose.transform)
         moved = way_m >= _STEP_M or abs(turn_rad) >= _STEP_RAD
@@ -52,8 +60,9 @@ class MotionTracker:
             return None
         self._last = pose
         covariance = np.zeros((4, 4))
-        if self._with_covariance:
+        if self._with_covariance or self._was_free:
             covariance = self._poses.motion_covariance(last, pose)
+        self._was_free = is_free
         return RelativeMotion(
             t_ns=pose.t_ns,
             position_m=pose.transform.translation_m,
