@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import io
 from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from matplotlib.figure import Figure
 
 from acquisition.files import check_target
 from calibration_rigs.plate_rig import figures
@@ -25,7 +22,7 @@ from calibration_rigs.plate_rig.products import (
 from calibration_rigs.plate_rig.verdict import cell_warnings, verdict
 from mapping.files import write_whole
 from mapping.output.figures import png_bytes
-from mapping.output.netcdf import software
+from mapping.output.pages import picture, render
 
 CALIBRATION_NAME = "calibration.json"
 REPORT_NAME = "report.html"
@@ -100,7 +97,8 @@ def write_products(result: PlateResult, folder: Path, *, undistortion: bool) -> 
         result: the calibration.
         folder: must exist.
         undistortion: also write undistortion.npz: mean_px, what to subtract from each pixel's
-            disparity in pixels of the 640 px wide image (NaN = never seen), and cells.
+            disparity in pixels of the 640 px wide image (NaN = never seen), cells, and what
+            `mapping.undistortion` needs beside it.
 
     Raises:
         MappingError, StreamError: a file cannot be written; none of the later ones is then.
@@ -113,11 +111,14 @@ def write_products(result: PlateResult, folder: Path, *, undistortion: bool) -> 
         REPORT_NAME: report_html(result).encode(),
     }
     if undistortion:
-        packed = io.BytesIO()
+        packed, rig, camera = io.BytesIO(), result.manifest.rig, result.used[0].camera
         np.savez_compressed(
             packed,
             mean_px=result.distortion.mean_px.astype(np.float32),
             cells=result.distortion.cells,
+            disparity_px_m=rig.disparity_px_m(camera.fx_px, camera.width_px),
+            model=result.device.model,
+            serial=result.device.serial,
         )
         contents["undistortion.npz"] = packed.getvalue()
     for name, content in contents.items():
@@ -127,20 +128,16 @@ def write_products(result: PlateResult, folder: Path, *, undistortion: bool) -> 
 
 def report_html(result: PlateResult) -> str:
     """Return the report as one HTML page that needs no other file."""
-    environment = Environment(
-        loader=PackageLoader("calibration_rigs.plate_rig"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     device = f"{result.device.model} {result.device.serial}".strip() or "unknown device"
-    return environment.get_template("plate.html").render(
+    return render(
+        "calibration_rigs.plate_rig",
+        "plate.html",
         title=f"Depth noise of {device}",
         verdict=verdict(result),
         warnings=cell_warnings(result),
         pictures=[
-            (name, caption, _data_uri(draw(result))) for name, (draw, caption) in _PICTURES.items()
+            picture(name, caption, png_bytes(draw(result)))
+            for name, (draw, caption) in _PICTURES.items()
         ],
         laws=[
             (
@@ -155,12 +152,7 @@ def report_html(result: PlateResult) -> str:
         degrees=degrees,
         facts=_facts(result),
         sha256=result.sha256,
-        software=software(),
     )
-
-
-def _data_uri(figure: Figure) -> str:
-    return "data:image/png;base64," + base64.b64encode(png_bytes(figure)).decode("ascii")
 
 
 def _facts(result: PlateResult) -> dict[str, str]:
