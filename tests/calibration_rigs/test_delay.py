@@ -36,7 +36,8 @@ class _Rover(FiniteSource):
 def _rate(t_s: Float64Array, seed: int = 0) -> Float64Array:
     """Return the yaw rate of a rover that is turned by hand, rad/s; some 40 degrees to and fro."""
     phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, _HERTZ.size)
-    return 0.4 * np.sin(2.0 * np.pi * _HERTZ * t_s[:, np.newaxis] + phase).sum(axis=1)
+    sines = np.sin(2.0 * np.pi * _HERTZ * t_s[:, np.newaxis] + phase)
+    return np.asarray(0.4 * sines.sum(axis=1), np.float64)
 
 
 def _yaw(t_s: Float64Array) -> Float64Array:
