@@ -31,7 +31,7 @@ from mapping.stored_settings import flat, overlaid
 from mapping.undistortion import Undistortion
 from mapping.world.tile_store import TileStore
 from mapping.world.world_grid import WorldGrid
-from mapping.world.world_map import about_world, check_same_cells
+from mapping.world.world_map import about_world, check_continues
 
 Method = Literal["corrected", "paper2019"]
 
@@ -107,10 +107,10 @@ def map_stream(
             progress(message)
         mapper = mapper or _mapper_for(options, reader.metadata, resources, poses.append)
         mapper.finish()
-    report = reader.report
-    attributes = _attributes(mapper, report)
+        report = reader.report
+        map_ = mapper.elevation_map(_attributes(mapper, report))
     return MapResult(
-        map=mapper.elevation_map(attributes),
+        map=map_,
         report=report,
         counts=mapper.counts,
         settings=mapper.settings,
@@ -186,7 +186,7 @@ def _world_grid(
         )
     if options.continue_world:
         store = resources.enter_context(TileStore.reopen(options.world))
-        check_same_cells(store, settings)
+        check_continues(store, settings)
     else:
         about = about_world(settings, noise)
         store = resources.enter_context(TileStore.create(options.world, about))
@@ -235,11 +235,19 @@ def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:
     """Return the settings with what the recording says, where the user says nothing.
 
     Raises:
-        MappingError: the recording's map section is none.
+        MappingError: the recording's map section is none, or the user gave what has no effect.
     """
-    if section is None:
-        return options.settings
-    return overlaid(options.settings, section, options.given, "the recording's map section")
+    settings = options.settings
+    if section is not None:
+        where = "the recording's map section"
+        settings = overlaid(settings, section, options.given, where)
+    if "window_m" in options.given and settings.grid == "growing":
+        raise MappingError("window_m is given, but a growing map has none; use a scrolling grid")
+    if "tilt_source" in options.given and not settings.pose_source.startswith("ego-motion"):
+        raise MappingError(
+            f"tilt_source is given, but poses from {settings.pose_source} have their own tilt"
+        )
+    return settings
 
 
 def _first(*candidates: object) -> float:

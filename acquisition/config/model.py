@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -227,3 +228,17 @@ class RoverConfig(_Strict):
             if topic not in topics:
                 raise ValueError(f"no topic {topic!r}; expected one of {', '.join(topics)}")
         return rates_hz
+
+
+# What each table of the file may hold, by its name without numbers and frames.
+TABLES: Mapping[str, type[BaseModel]] = {
+    "": RoverConfig,
+    "recording": RecordingSection,
+    "devices.clock": DeviceClockSection,
+    "mounts": Mount,
+    "map": MapSection,
+    "map.alignment": AlignmentSection,
+    "map.gravity": GravitySection,
+    "map.aligned_errors": AlignedErrorsSection,
+    "calibration": CalibrationSection,
+}

@@ -12,7 +12,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from acquisition.config.model import RoverConfig
+from acquisition.config.model import TABLES, RoverConfig
+from acquisition.config.suggestion import suggestion
 from acquisition.errors import ConfigError
 from drivers.toml_lines import line_of, line_of_syntax_error, lines_of_keys
 
@@ -79,12 +80,21 @@ def _problems(error: ValidationError, path: Path, text: str) -> list[str]:
 
 def _reason(problem: Mapping[str, Any]) -> str:
     if problem["type"] == "extra_forbidden":
-        return "unknown key"
+        return "; ".join(part for part in ("unknown key", _hint(problem["loc"])) if part)
     if problem["type"] == "missing":
         return "is missing"
     if problem["type"] == "value_error":  # raised by the model; it says what was found
         return str(problem["ctx"]["error"])
     return f"{problem['msg']}, found {problem['input']!r}"
+
+
+def _hint(key: tuple[str | int, ...]) -> str:
+    """Return what an unknown key may have been meant for: one of its own table, or of another."""
+    own = ".".join(part for part in key[:-1] if isinstance(part, str))
+    table = TABLES["mounts" if own.startswith("mounts.") else own]
+    name = str(key[-1])
+    places = [f"{other}.{name}" for other in TABLES if name in TABLES[other].model_fields]
+    return suggestion(name, table.model_fields) or suggestion(name, places, likeness=0.0)
 
 
 def _dotted(key: tuple[str | int, ...]) -> str:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import io
 from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from matplotlib.figure import Figure
 
 from acquisition.files import check_target
 from calibration_rigs.plate_rig import figures
@@ -26,7 +23,7 @@ from calibration_rigs.plate_rig.sigma_models import SigmaFit
 from calibration_rigs.plate_rig.verdict import cell_warnings, verdict
 from mapping.files import write_whole
 from mapping.output.figures import png_bytes
-from mapping.output.netcdf import software
+from mapping.output.pages import picture, render
 
 CALIBRATION_NAME = "calibration.json"
 REPORT_NAME = "report.html"
@@ -132,20 +129,16 @@ def write_products(result: PlateResult, folder: Path, *, undistortion: bool) -> 
 
 def report_html(result: PlateResult) -> str:
     """Return the report as one HTML page that needs no other file."""
-    environment = Environment(
-        loader=PackageLoader("calibration_rigs.plate_rig"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     device = f"{result.device.model} {result.device.serial}".strip() or "unknown device"
-    return environment.get_template("plate.html").render(
+    return render(
+        "calibration_rigs.plate_rig",
+        "plate.html",
         title=f"Depth noise of {device}",
         verdict=verdict(result),
         warnings=cell_warnings(result),
         pictures=[
-            (name, caption, _data_uri(draw(result))) for name, (draw, caption) in _PICTURES.items()
+            picture(name, caption, png_bytes(draw(result)))
+            for name, (draw, caption) in _PICTURES.items()
         ],
         laws=[
             (
@@ -160,7 +153,6 @@ def report_html(result: PlateResult) -> str:
         degrees=degrees,
         facts=_facts(result),
         sha256=result.sha256,
-        software=software(),
     )
 
 
@@ -171,10 +163,6 @@ def _parameters(law: SigmaFit) -> str:
         f"{value:.3g} ± {sigma:.1g}" if sigma > 0.0 else f"{value:.3g}"
         for value, sigma in zip(law.parameters, known, strict=True)
     )
-
-
-def _data_uri(figure: Figure) -> str:
-    return "data:image/png;base64," + base64.b64encode(png_bytes(figure)).decode("ascii")
 
 
 def _facts(result: PlateResult) -> dict[str, str]:

@@ -22,7 +22,6 @@ _POINTS_PER_DECADE = 8
 # Deviations at neighbouring tau rest on the same samples: about three of eight points in a decade
 # count as independent. Chosen so that the 95 % interval of N covers at least 95 % of simulations.
 _POINTS_ALIKE = 3.0
-_SHORTEST_SAMPLES = 1000
 _FLICKER = 2.0 * math.log(2.0) / math.pi
 
 
@@ -180,17 +179,3 @@ def require_signal(values: Float64Array, rate_hz: float) -> None:
         )
     if not 0.0 < rate_hz < math.inf:
         raise RigError(f"rate_hz is {rate_hz}; expected a number above 0")
-
-
-def require_long_enough(curve: AllanCurve, rate_hz: float) -> None:
-    """Refuse a signal that says nothing of its slow noise.
-
-    Raises:
-        RigError: fewer than 1000 samples.
-    """
-    samples = round(curve.duration_s * rate_hz)
-    if samples < _SHORTEST_SAMPLES:
-        raise RigError(
-            f"{samples} samples at {rate_hz:g} Hz; expected at least {_SHORTEST_SAMPLES}, and two "
-            "to three hours for the bias instability"
-        )

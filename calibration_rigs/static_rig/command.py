@@ -63,6 +63,8 @@ def run_static(options: argparse.Namespace, console: Console) -> int:
     from mapping.files import write_whole
 
     check_target(options.output)
+    if options.figure is not None:
+        check_target(options.figure)
     result = join(_parts(options, console))
     device = DeviceIdentity(model=options.model, serial=options.serial)
     result.file = result.file.model_copy(update={"device": device})

@@ -8,6 +8,8 @@ import numpy as np
 
 from mapping.cells.elevation_map import CellState, ElevationMap
 from mapping.session import MapResult
+from mapping.settings import MapSettings
+from mapping.stored_settings import flat
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +40,13 @@ class MapSummary:
         return asdict(self)
 
     def describe(self) -> list[str]:
-        """Return the summary as lines for people."""
+        """Return the summary as lines for people, without settings that have their defaults."""
+        usual = dict(flat("setting", asdict(MapSettings())))
+        told = {name: value for name, value in self.attributes.items() if usual.get(name) != value}
         return [
             *self.headline(),
-            *(f"  {key} = {value}" for key, value in self.attributes.items()),
+            *(f"  {key} = {value}" for key, value in told.items()),
+            f"  {len(self.attributes) - len(told)} settings have their defaults; --json shows them",
         ]
 
     def headline(self) -> list[str]:
