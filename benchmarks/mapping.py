@@ -174,11 +174,11 @@ def measure(width: int, cell_m: float, window_m: float, frames: int, copy_gb_s: 
     laps: list[dict[str, float]] = []
     numbers: list[tuple[int, int, int]] = []
     for index in range(frames + _VIEWS):
-        view = _view(index)
+        view, motion = _view(index), _motion(index)
         clock = _Clock()
         points = reducer.load(images[index % _VIEWS])
         clock.lap("load")
-        ledger.add(_motion(index))
+        ledger.add(motion)
         window = grid.prepare(reducer.footprint(view), 2.0, 0.0)
         clock.lap("other")
         sums, _ = reducer.reduce(view, window)

@@ -32,13 +32,12 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_info(options: argparse.Namespace, console: Console) -> int:
     """Say what a recording, a map or a world holds."""
-    is_world = (options.file / "zarr.json").exists()
-    if is_world or options.file.suffix == ".nc":
+    if options.file.is_dir() or options.file.suffix in (".nc", ".zarr"):
         from mapping.output.map_file import read_map
         from mapping.output.map_summary import summarise
-        from mapping.world.world_map import read_world
+        from mapping.world.world_map import is_world, read_world
 
-        map_ = read_world(options.file) if is_world else read_map(options.file)
+        map_ = read_world(options.file) if is_world(options.file) else read_map(options.file)
         show(console, summarise(map_), as_json=options.json)
     else:
         from acquisition.inspection import inspect
@@ -79,6 +78,7 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     add("--continue", dest="continue_world", action="store_true", help="add to that world")
     add("--method", choices=("corrected", "paper2019"), help="paper2019: as printed, to compare")
     add("--noise", metavar="MODEL", help="preset, constant:SIGMA_M, or a calibration file")
+    add("--undistortion", type=Path, metavar="FILE.npz", help="take this off every pixel")
     add("--calibrations", type=Path, metavar="DIR", help="take the file of the recording's device")
     add("--range-min-m", type=float, metavar="M", help="nearest depth that is mapped (0.4)")
     add("--range-max-m", type=float, metavar="M", help="farthest depth that is mapped (4)")
@@ -157,6 +157,8 @@ def _check_targets(options: argparse.Namespace) -> None:
         raise MappingError("a world is mapped through a scrolling window; leave --grid out")
     if options.world and options.method == "paper2019":
         raise MappingError("paper2019 has no window over a world; leave --world out")
+    if options.undistortion and options.method == "paper2019":
+        raise MappingError("paper2019 takes readings as they are; leave --undistortion out")
     if options.continue_world and not options.world:
         raise MappingError("--continue adds to a world; give --world DIR.zarr too")
 
@@ -179,6 +181,7 @@ def _map_options(options: argparse.Namespace) -> MapOptions:
     from mapping.calibration_file import calibration_from_name
     from mapping.session import MapOptions
     from mapping.settings import MapSettings
+    from mapping.undistortion import read_undistortion
 
     names = MapSettings.__dataclass_fields__.keys() - {"mount_sigma_m"}
     given = {
@@ -194,6 +197,7 @@ def _map_options(options: argparse.Namespace) -> MapOptions:
         given=frozenset(given),
         noise=calibration_from_name(options.noise) if options.noise else None,
         calibrations=options.calibrations,
+        undistortion=read_undistortion(options.undistortion) if options.undistortion else None,
         mount_sigma_m=options.mount_sigma_m,
         mount_sigma_rad=None if degrees is None else radians(degrees),
         world=options.world,

@@ -97,7 +97,8 @@ def write_products(result: PlateResult, folder: Path, *, undistortion: bool) -> 
         result: the calibration.
         folder: must exist.
         undistortion: also write undistortion.npz: mean_px, what to subtract from each pixel's
-            disparity in pixels of the 640 px wide image (NaN = never seen), and cells.
+            disparity in pixels of the 640 px wide image (NaN = never seen), cells, and what
+            `mapping.undistortion` needs beside it.
 
     Raises:
         MappingError, StreamError: a file cannot be written; none of the later ones is then.
@@ -110,11 +111,14 @@ def write_products(result: PlateResult, folder: Path, *, undistortion: bool) -> 
         REPORT_NAME: report_html(result).encode(),
     }
     if undistortion:
-        packed = io.BytesIO()
+        packed, rig, camera = io.BytesIO(), result.manifest.rig, result.used[0].camera
         np.savez_compressed(
             packed,
             mean_px=result.distortion.mean_px.astype(np.float32),
             cells=result.distortion.cells,
+            disparity_px_m=rig.disparity_px_m(camera.fx_px, camera.width_px),
+            model=result.device.model,
+            serial=result.device.serial,
         )
         contents["undistortion.npz"] = packed.getvalue()
     for name, content in contents.items():

@@ -90,8 +90,8 @@ def allan_curve(
     Raises:
         RigError: too few samples, or one that is not a number.
     """
-    _require_signal(values, rate_hz)
-    wished = _averages(len(values)) / rate_hz if tau_s is None else tau_s
+    require_signal(values, rate_hz)
+    wished = averaging_times_s(len(values), rate_hz) if tau_s is None else tau_s
     tau, deviation, _, _ = allantools.oadev(values, rate=rate_hz, data_type="freq", taus=wished)
     averages = np.rint(tau * rate_hz)
     return AllanCurve(
@@ -147,10 +147,11 @@ def _root(square: float, sigma_of_square: float) -> Coefficient:
     return Coefficient(value, min(sigma_of_square / (2.0 * value), math.sqrt(sigma_of_square)))
 
 
-def _averages(samples: int) -> Float64Array:
+def averaging_times_s(samples: int, rate_hz: float) -> Float64Array:
+    """Return averaging times, eight a decade, up to a fifth of the duration."""
     decades = math.log10(samples / 5.0)
     steps = np.logspace(0.0, decades, int(decades * _POINTS_PER_DECADE) + 1)
-    return np.unique(np.floor(steps + 1e-9))
+    return np.unique(np.floor(steps + 1e-9)) / rate_hz
 
 
 def _degrees_of_freedom(samples: int, averages: Float64Array) -> Float64Array:
@@ -165,7 +166,12 @@ def _degrees_of_freedom(samples: int, averages: Float64Array) -> Float64Array:
     return np.maximum(np.minimum(white, walk), 1.0)
 
 
-def _require_signal(values: Float64Array, rate_hz: float) -> None:
+def require_signal(values: Float64Array, rate_hz: float) -> None:
+    """Refuse what is no signal.
+
+    Raises:
+        RigError: not one dimension of three or more numbers, or a rate that is none.
+    """
     if values.ndim != 1 or len(values) < 3 or not np.isfinite(values).all():
         raise RigError(
             f"a signal of shape {values.shape} with {np.count_nonzero(~np.isfinite(values))} "

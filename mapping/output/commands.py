@@ -66,10 +66,10 @@ def _map_or_world(options: argparse.Namespace) -> ElevationMap:
     """Return a map's file, or a rectangle of a world."""
     from mapping.errors import MappingError
     from mapping.output.map_file import read_map
-    from mapping.world.world_map import read_world
+    from mapping.world.world_map import is_world, read_world
 
-    if options.map.is_dir():
+    if is_world(options.map):
         return read_world(options.map, options.window_m)
-    if options.window_m is not None:
+    if options.window_m is not None and options.map.exists():
         raise MappingError("--window is for world maps; a map file is exported as it is")
     return read_map(options.map)

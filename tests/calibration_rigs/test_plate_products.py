@@ -24,6 +24,7 @@ from calibration_rigs.plate_rig.verdict import compare_environments, verdict
 from drivers.samples import CameraIntrinsics
 from mapping.calibration_file import DeviceIdentity, calibration_for, calibration_from_name
 from mapping.errors import MappingError
+from mapping.undistortion import read_undistortion
 from simulation.devices.kinect import KinectModel
 from tests.fakes.plate_rig import Plate, PlateCamera, frames_of, true_bias_m, true_sigma_m
 
@@ -100,6 +101,9 @@ def test_calibrate_plate(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with np.load(rig / "undistortion.npz") as map_:
         assert map_["mean_px"].shape == (120, 160)
         assert map_["cells"].max() == 8
+    undistortion = read_undistortion(rig / "undistortion.npz")
+    assert undistortion.device.serial == "A1"
+    assert undistortion.inverse_m.any()
 
 
 def test_the_same_from_images(calibrated: PlateResult, tmp_path: Path) -> None:
