@@ -118,7 +118,7 @@ def _stop_event(seconds: float | None, output: RecordingOutput) -> Iterator[Even
     trigger: Callable[[], object] = getattr(output, "trigger", lambda: None)
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in _STOP_SIGNALS}
     before[signal.SIGUSR1] = signal.signal(signal.SIGUSR1, lambda *_: trigger())
-    timer = Timer(seconds, stop.set) if seconds else None
+    timer = None if seconds is None else Timer(seconds, stop.set)
     if timer:
         timer.start()
     try:
