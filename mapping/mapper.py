@@ -88,7 +88,9 @@ class Mapper:
         self._grid = grid or make_grid(settings)
         before = self._grid.run
         wanted = self.pose_errors.motion_covariance
-        self._ledger = MotionLedger(with_covariance=wanted, before=before.rover.motions)
+        self._ledger = MotionLedger(
+            with_covariance=wanted or is_aligned(settings), before=before.rover.motions
+        )
         self._rover_m = before.rover.x_m, before.rover.y_m
         self._last = before.pose
         self._fusion = fusion_constants(settings)
@@ -225,7 +227,7 @@ class Mapper:
             pose = self._localiser.refine(reducers[0], prior, mount, self._grid)
         if pose is None:
             return
-        self._follow(pose)
+        self._follow(pose, is_free=self._localiser is not None and not self._localiser.is_held)
         counted = replace(pose, covariance=frame_covariance(pose.covariance, self.pose_errors))
         view = View(counted, pose.transform @ mount)
         farthest = max(reducers, key=lambda reducer: reducer.noise.range_max_m)
@@ -284,11 +286,11 @@ class Mapper:
         """Follow the rover though there is no depth."""
         latest = self._poses.latest
         if latest is not None:
-            self._follow(latest)
+            self._follow(latest, is_free=self._localiser is not None)
 
-    def _follow(self, pose: UncertainPose) -> None:
-        """Let the map know how the rover has moved."""
-        motion = self._motion.step(pose) if self._motion else None
+    def _follow(self, pose: UncertainPose, *, is_free: bool) -> None:
+        """Let the map know how the rover has moved, and whether no map held it on the way."""
+        motion = self._motion.step(pose, is_free=is_free) if self._motion else None
         if motion is not None:
             self.move(motion)
         x_m, y_m, _ = pose.transform.translation_m.tolist()

@@ -66,6 +66,7 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
     from acquisition.clocks.host_clock import HostClock
     from acquisition.config.use import output_of, plan_of, recording_path, sources_of
     from acquisition.health.snapshot import as_json
+    from acquisition.health.views import totals_of
     from acquisition.recording.recorder import Recorder
     from acquisition.recording.service import ServiceNotifier
 
@@ -86,8 +87,8 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
         result = recorder.run(stop, beat)
     notifier.stopping(result.message)
     failed = result.outcome == "output_failed" or bool(result.hanging)
+    files = [str(file) for file in result.files]
     if options.json:
-        files = [str(file) for file in result.files]
         console.json(
             {
                 "outcome": result.outcome,
@@ -99,7 +100,7 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
             }
         )
     else:
-        console.lines([result.message, *(str(file) for file in result.files)])
+        console.lines([result.message, *files, *totals_of(result.health)])
     if result.hanging:
         console.note(f"warning: these devices did not stop: {', '.join(result.hanging)}")
     return CHECK_FAILED if failed else OK
@@ -118,7 +119,7 @@ def _stop_event(seconds: float | None, output: RecordingOutput) -> Iterator[Even
     trigger: Callable[[], object] = getattr(output, "trigger", lambda: None)
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in _STOP_SIGNALS}
     before[signal.SIGUSR1] = signal.signal(signal.SIGUSR1, lambda *_: trigger())
-    timer = Timer(seconds, stop.set) if seconds else None
+    timer = None if seconds is None else Timer(seconds, stop.set)
     if timer:
         timer.start()
     try:

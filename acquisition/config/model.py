@@ -119,6 +119,8 @@ class AlignmentSection(_Strict):
     form: Literal["6-dof", "z-roll-pitch"] = "6-dof"
     floor_m: _Positive = 0.001
     floor_rad: _Positive = math.radians(0.1)
+    prior_sigma_m: _Positive = 0.01
+    prior_sigma_rad: _Positive = math.radians(1.0)
     full_points: _Count = 700
     observable_m: _Positive = 0.006
     lever_m: _Positive = 1.5

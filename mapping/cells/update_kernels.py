@@ -153,7 +153,9 @@ def _agrees(
     """Gate: squared innovation against the variance of both sides, all in m^2.
 
     A frame's relief counts as far as a slope can make it, (d/2)^2 at 60 degrees: more is the flank
-    of something tall, which must not pass for ground because it is tall.
+    of something tall, which must not pass for ground because it is tall. The cell's own relief
+    counts as far as the frame shows some too: a frame that sees level ground where something tall
+    was has seen it gone.
 
     The constant errors count with |s|^2 + |m|^2 although both sides share them and the innovation's
     part is |s - m|^2: real frames of a moving camera differ by more than the model knows of.
@@ -162,7 +164,8 @@ def _agrees(
     variance = known.variance_m2 + m.own_m2 + m.common_m2 + frames_m2
     variance += _dot(known.systematic, known.systematic) + _dot(m.systematic, m.systematic)
     slope_m2 = 0.25 * cell_size_m * cell_size_m
-    variance += max(min(m.relief_m2, slope_m2), known.relief_m2, 0.0)
+    relief_m2 = min(known.relief_m2, max(m.relief_m2, slope_m2))
+    variance += max(min(m.relief_m2, slope_m2), relief_m2, 0.0)
     return innovation * innovation <= f.gate2 * variance
 
 
