@@ -27,7 +27,9 @@ _Unsigned = TypeVar("_Unsigned", np.uint8, np.uint16)
 _MOST_PIXELS = 1 << 30
 
 
-def encode_rvl(frame: DepthFrame) -> ros.sensor_msgs__msg__CompressedImage:
+def encode_rvl(
+    frame: DepthFrame, t_ns: int, _sequence: int
+) -> ros.sensor_msgs__msg__CompressedImage:
     """Return the image, smaller by a factor of six for a Kinect's."""
     from acquisition.messages.rvl_kernels import MOST_BYTES_PER_PIXEL, pack
 
@@ -37,7 +39,7 @@ def encode_rvl(frame: DepthFrame) -> ros.sensor_msgs__msg__CompressedImage:
     _HEAD.pack_into(data.data, 0, 0, 0.0, 0.0, width, height)
     used = pack(_read_only(pixels), data[_HEAD.size :])
     return ros.sensor_msgs__msg__CompressedImage(
-        fields.ros_header(frame.t_ns, DEPTH_OPTICAL_FRAME), RVL_FORMAT, data[: _HEAD.size + used]
+        fields.ros_header(t_ns, DEPTH_OPTICAL_FRAME), RVL_FORMAT, data[: _HEAD.size + used]
     )
 
 
