@@ -56,7 +56,7 @@ _COMMANDS = {
     ),
     "evaluate": _Command("compare a map or a trajectory with the truth", "mapping.commands"),
     "calibrate": _Command("make calibration files on a rig", "calibration_rigs.commands"),
-    "warmup": _Command("compile the mapping kernels now", "mapping.commands"),
+    "warmup": _Command("compile what is compiled once, now", "mapping.commands"),
 }
 
 

@@ -13,7 +13,14 @@ from pathlib import Path
 from threading import Event, Timer
 from typing import TYPE_CHECKING
 
-from acquisition.commands.console import CHECK_FAILED, OK, Board, Console, show
+from acquisition.commands.console import (
+    CHECK_FAILED,
+    OK,
+    Board,
+    Console,
+    prepare_depth_code,
+    show,
+)
 
 if TYPE_CHECKING:
     from acquisition.config.rover_file import LoadedConfig
@@ -68,6 +75,8 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
     sources = sources_of(loaded)
     plan = plan_of(loaded, sources)
     plan = replace(plan, require_all=plan.require_all or options.require)
+    if plan.depth_format == "rvl":
+        prepare_depth_code(console)
     recorder = Recorder(sources, output, plan, clock)
     notifier = ServiceNotifier.from_environment()
     with _stop_event(options.seconds, output) as stop, console.board() as board:
