@@ -22,6 +22,7 @@ from mapping.ground.fill import fill_gaps
 from mapping.ground.fusion import fuse_map
 from mapping.ground.layers import derive
 from mapping.measurement import FrameReducer, View
+from mapping.motion import read_out_kernels
 from mapping.motion.ledger import at_rest
 from mapping.noise import NGUYEN_2012
 from mapping.settings import MapSettings
@@ -37,6 +38,7 @@ _ENTRY_POINTS = (
     overhang.drop_readings,
     visibility.look_through,
     hidden.mark_jumps,
+    read_out_kernels.add_errors,
     relief_kernels.surrounding_relief,
     layer_kernels.plane_layers,
     layer_kernels.step_heights,

@@ -3,11 +3,13 @@
 All arithmetic is float64; most stored layers are float32. Cells are taken in blocks: gathered into
 one array, updated by a loop without a branch that the compiler turns into vector instructions, and
 put back. Each cell is on its own, so the result depends neither on order nor on the vector width.
-All compiled code of the update is in this file: numba looks for changes in the file of a cached
-kernel, not in what it calls.
+All compiled code of the update is in this file, but for one formula of `mapping.noise`: numba looks
+for changes in the file of a cached kernel, not in what it calls.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -24,8 +26,12 @@ from mapping.cells.update_types import (
     Updated,
 )
 from mapping.motion.ledger import Motions
+from mapping.noise import independent_readings
 
 Float64Array = NDArray[np.float64]
+
+# The array formula compiled for one cell at a time.
+_independent: Any = njit(inline="always")(independent_readings)
 
 _MOST_PIXELS = 2.0**32 - 1.0
 # Cells of a block: all their numbers stay in the first-level cache.
@@ -97,7 +103,7 @@ def _reduce(sums: Sums, c: FrameConstants) -> Measurement:
     noise_m2 = sums.pixels * inverse_weight
     excess = spread * sums.pixels / max(sums.pixels - 1.0, 1.0) - noise_m2
     relief = excess if sums.pixels > 1.0 else 0.0
-    own = noise_m2 * min(c.correlation_area_px * inverse, 1.0) + max(relief, 0.0) * inverse
+    own = noise_m2 / _independent(sums.pixels, c.correlation_area_px) + max(relief, 0.0) * inverse
     return Measurement(
         mean + c.camera_z_m,
         own,
@@ -187,7 +193,9 @@ def _agrees(
     """Gate: squared innovation against the variance of both sides, all in m^2.
 
     A frame's relief counts as far as a slope can make it, (d/2)^2 at 60 degrees: more is the flank
-    of something tall, which must not pass for ground because it is tall.
+    of something tall, which must not pass for ground because it is tall. The cell's own relief
+    counts as far as the frame shows some too: a frame that sees level ground where something tall
+    was has seen it gone.
 
     The constant errors count with |s|^2 + |m|^2 although both sides share them and the innovation's
     part is |s - m|^2: real frames of a moving camera differ by more than the model knows of.
@@ -196,7 +204,8 @@ def _agrees(
     variance = known.variance_m2 + m.own_m2 + m.common_m2 + frames_m2
     variance += _dot(known.systematic, known.systematic) + _dot(m.systematic, m.systematic)
     slope_m2 = 0.25 * cell_size_m * cell_size_m
-    variance += max(min(m.relief_m2, slope_m2), known.relief_m2, 0.0)
+    relief_m2 = min(known.relief_m2, max(m.relief_m2, slope_m2))
+    variance += max(min(m.relief_m2, slope_m2), relief_m2, 0.0)
     return innovation * innovation <= f.gate2 * variance
 
 
@@ -207,16 +216,22 @@ def _update(known: Known, m: Measurement, f: FusionConstants) -> Updated:
     V, R: variances that differ from frame to frame; s, m: sensitivities to the constant errors,
     of map and measurement. The gain that minimises (1 - K)^2 V + K^2 R + |(1 - K) s + K m|^2 is
     the Kalman gain where s = m, prefers the nearer view where they differ, and lets views from
-    opposite sides cancel a crooked mount. A common error with correlation time tau that is seen
-    again after dt < 2 tau brings no fresh information: it counts as variance * 2 tau / dt.
+    opposite sides cancel a crooked mount. It is held to K <= 2 V / (V + R), where (1 - K)^2 V +
+    K^2 R <= V: a frame never makes a cell less sure of what frames differ by. A common error with
+    correlation time tau that is seen again after dt < 2 tau brings no fresh information: it counts
+    as variance * 2 tau / dt.
     """
     repeated = max(2.0 * f.correlation_time_ns / max(known.since_ns, 1.0), 1.0)
     measured = m.own_m2 + m.common_m2 * repeated
     crossed = _dot(known.systematic, m.systematic)
     own = _dot(known.systematic, known.systematic)
     other = _dot(m.systematic, m.systematic)
+    wanted = max(known.variance_m2 + own - crossed, 0.0)
     total = known.variance_m2 + measured + max(own + other - 2.0 * crossed, 0.0)
-    gain = _clamp((known.variance_m2 + own - crossed) / total, 0.0, 1.0)
+    # The smaller of wanted / total and most / both, with one division.
+    most, both = 2.0 * known.variance_m2, known.variance_m2 + measured
+    bound = wanted * both > most * total
+    gain = min((most if bound else wanted) / (both if bound else total), 1.0)
     rest = 1.0 - gain
     variance = rest * rest * known.variance_m2 + gain * gain * measured
     # Each frame's spread has one degree of freedom less than it has pixels.
