@@ -62,8 +62,10 @@ def test_a_full_disk_is_told_fails_the_command_and_loses_nothing_flushed(
     tmp_path: Path, played: list[Sample], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert record(rover_file(tmp_path, played), tmp_path / "r.mcap") == CHECK_FAILED
-    told = json.loads(capsys.readouterr().out)
+    said = capsys.readouterr()
+    told = json.loads(said.out)
     assert told["outcome"] == "output_failed"
+    assert f"{told['unwritten']} samples were read but could not be written" in said.err
     assert "File too large" in told["message"]
     assert "what was flushed is readable; make room or give a fallback folder" in told["message"]
     assert "\n" not in told["message"]

@@ -110,6 +110,8 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
         )
     else:
         console.lines([result.message, *files, *totals_of(result.health)])
+    if result.unwritten:
+        console.note(f"warning: {result.unwritten} samples were read but could not be written")
     if result.hanging:
         console.note(f"warning: these devices did not stop: {', '.join(result.hanging)}")
     return CHECK_FAILED if failed else OK
