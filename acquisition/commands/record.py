@@ -14,7 +14,14 @@ from threading import Event, Timer
 from typing import TYPE_CHECKING
 
 from acquisition.commands.arguments import product, seconds
-from acquisition.commands.console import CHECK_FAILED, OK, Board, Console, show
+from acquisition.commands.console import (
+    CHECK_FAILED,
+    OK,
+    Board,
+    Console,
+    prepare_depth_code,
+    show,
+)
 
 if TYPE_CHECKING:
     from acquisition.config.rover_file import LoadedConfig
@@ -76,6 +83,8 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
     sources = sources_of(loaded)
     plan = plan_of(loaded, sources)
     plan = replace(plan, require_all=plan.require_all or options.require)
+    if plan.depth_format == "rvl":
+        prepare_depth_code(console)
     recorder = Recorder(sources, output, plan, clock)
     notifier = ServiceNotifier.from_environment()
     with _stop_event(options.seconds, output) as stop, console.board() as board:
@@ -101,6 +110,8 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
         )
     else:
         console.lines([result.message, *files, *totals_of(result.health)])
+    if result.unwritten:
+        console.note(f"warning: {result.unwritten} samples were read but could not be written")
     if result.hanging:
         console.note(f"warning: these devices did not stop: {', '.join(result.hanging)}")
     return CHECK_FAILED if failed else OK
