@@ -19,6 +19,7 @@ from calibration_rigs.plate_rig.products import (
     noise_model,
     ros_yaml,
 )
+from calibration_rigs.plate_rig.sigma_models import SigmaFit
 from calibration_rigs.plate_rig.verdict import cell_warnings, verdict
 from mapping.files import write_whole
 from mapping.output.figures import png_bytes
@@ -142,7 +143,7 @@ def report_html(result: PlateResult) -> str:
         laws=[
             (
                 law.name,
-                ", ".join(f"{value:.3g}" for value in law.parameters),
+                _parameters(law),
                 100.0 * float(np.expm1(law.misfit)),
                 100.0 * float(np.expm1(law.held_out)),
             )
@@ -152,6 +153,15 @@ def report_html(result: PlateResult) -> str:
         degrees=degrees,
         facts=_facts(result),
         sha256=result.sha256,
+    )
+
+
+def _parameters(law: SigmaFit) -> str:
+    """Return a law's parameters, with their standard uncertainty where it was drawn."""
+    known = np.sqrt(np.diag(law.covariance))
+    return ", ".join(
+        f"{value:.3g} ± {sigma:.1g}" if sigma > 0.0 else f"{value:.3g}"
+        for value, sigma in zip(law.parameters, known, strict=True)
     )
 
 
@@ -166,6 +176,8 @@ def _facts(result: PlateResult) -> dict[str, str]:
         "light": _between(box.lux_min, box.lux_max, "lx"),
         "temperature": _between(box.temperature_min_c, box.temperature_max_c, "°C"),
         "plate": f"{rig.plate_width_m:g} m x {rig.plate_height_m:g} m",
+        "tape, one sigma": f"{1e3 * rig.tape_sigma_m:g} mm a reading, "
+        f"{1e3 * rig.tape_zero_sigma_m:g} mm shared by all",
         "focal length x baseline": f"{how.disparity_px_m:.2f} px m, {rig.disparity_step_px:g} px",
         "frames": f"{how.frames} in {how.cells} cells",
         "independent readings in a cell (median)": f"{how.effective_readings:.0f}",
