@@ -72,9 +72,10 @@ _SETTINGS = EgoMotionSettings(
     levelling_sigma_ratio=0.2,
     vibration_m_s2_per_m_s=math.sqrt(3.0) * _VIBRATION / _SPEED_M_S,
     vibration_scale=_VIBRATION_SPREAD,
-    # The ground is level wherever it has no bumps.
-    ground_tilt_rad=0.003,
-    ground_walk_rad_per_sqrt_s=0.001,
+    # The ground is level wherever it has no bumps; ramps of 0.5 m/s^2 take a third of a leg.
+    ground_tilt_rad=0.002,
+    ground_walk_rad_per_sqrt_s=0.0005,
+    acceleration_m_s2=0.3,
 )
 
 

@@ -42,6 +42,8 @@ class EgoMotionSettings:
         levelling_floor_rad: the least sigma of the levelled tilt.
         levelling_bias_rad: sigma of its constant part (accelerometer bias and mount).
         levelling_time_s: correlation time of the rest.
+        unseen_acceleration_ratio: without wheels: sigma that the rover's own acceleration adds to
+            the levelled pitch, over the pitch's scatter within 0.3 s to either side.
         tilt_lost_rad: sigma of roll and pitch while there is no acceleration.
         gyro_noise_rad_s_per_sqrt_hz: white noise of the gyro.
         gyro_bias_rad_s: sigma of the bias at the start.
@@ -54,6 +56,7 @@ class EgoMotionSettings:
         slip: sigma of the slip that comes and goes, relative to the speed.
         slip_time_s: its correlation time.
         slip_surprise: sigma of the slip once wheels have said something impossible.
+        slip_lost: sigma of the slip while wheels and gyro disagree about the yaw rate.
         lateral_slip_ratio: sigma of the sideways speed over the forward speed.
         lateral_slip_time_s: its correlation time.
         vertical_walk_ratio: sigma of the vertical speed over the forward speed, beyond what the
@@ -107,6 +110,7 @@ class EgoMotionSettings:
     levelling_floor_rad: float = 0.0005
     levelling_bias_rad: float = 0.0021
     levelling_time_s: float = 0.3
+    unseen_acceleration_ratio: float = 1.5
     tilt_lost_rad: float = 0.2
     gyro_noise_rad_s_per_sqrt_hz: float = 2e-4
     gyro_bias_rad_s: float = 0.02
@@ -119,6 +123,7 @@ class EgoMotionSettings:
     slip: float = 0.06
     slip_time_s: float = 1.0
     slip_surprise: float = 0.5
+    slip_lost: float = 1.0
     lateral_slip_ratio: float = 0.06
     lateral_slip_time_s: float = 0.5
     vertical_walk_ratio: float = 0.04
@@ -127,7 +132,7 @@ class EgoMotionSettings:
     wheels_gap_s: float = 0.15
     acceleration_m_s2: float = 0.5
     acceleration_time_s: float = 0.2
-    ground_tilt_rad: float = 0.005
+    ground_tilt_rad: float = 0.01
     ground_tilt_time_s: float = 0.5
     ground_walk_rad_per_sqrt_s: float = 0.002
     speed_sigma_m_s: float = 0.5

@@ -48,6 +48,11 @@ class HealthWatch:
         for t_ns in ticks_ns[motionless.stuck].tolist():
             self.tell(t_ns, "wheels_stuck", "wheels say 0 while the rover vibrates; not believed")
 
+    def doubt(self, ticks_ns: Int64Array, lost: BoolArray) -> None:
+        """Look for wheels that turn the rover otherwise than it turns."""
+        for t_ns in ticks_ns[lost].tolist():
+            self.tell(t_ns, "wheels_slip", "wheels and gyro disagree; the wheels are not believed")
+
     def surprise(self, surprises: list[Surprise]) -> None:
         """Tell what the filter did not believe."""
         for item in surprises:
