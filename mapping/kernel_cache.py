@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.samples import CameraIntrinsics
+from drivers.samples import AccelerationSample, CameraIntrinsics
 from mapping import measurement_kernels
 from mapping.alignment import plane_kernels, point_kernels, residual_kernels
 from mapping.alignment.scan_to_map import ScanAligner
@@ -18,6 +18,8 @@ from mapping.cells.grid import GrowingGrid
 from mapping.cells.update_constants import fusion_constants
 from mapping.change import hidden, overhang, own_body, visibility
 from mapping.change.visibility import clear_seen_through, sight_of
+from mapping.ego_motion import filter_kernels
+from mapping.ego_motion.ego_motion import EgoMotion
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.ground import fill_kernels, fusion_kernels, layer_kernels
 from mapping.ground.fill import fill_gaps
@@ -46,12 +48,22 @@ _ENTRY_POINTS = (
     fill_kernels.measure_errors,
     fill_kernels.bridge,
     fusion_kernels.integrate,
+    filter_kernels.run,
 )
 
 
 def kernels_are_cached() -> bool:
-    """Tell whether the mapping kernels were compiled earlier by this installation."""
-    return all(any(map(_is_newer, _indices(kernel))) for kernel in _ENTRY_POINTS)
+    """Tell whether the kernels were all compiled earlier by this installation."""
+    return all(map(_is_cached, _ENTRY_POINTS))
+
+
+def filter_is_cached() -> bool:
+    """Tell whether that of ego-motion was."""
+    return _is_cached(filter_kernels.run)
+
+
+def _is_cached(kernel: object) -> bool:
+    return any(map(_is_newer, _indices(kernel)))
 
 
 def _indices(kernel: object) -> list[tuple[Path, Path]]:
@@ -81,6 +93,15 @@ def _note_use() -> None:
                     pair[0].touch()
 
 
+def compile_filter() -> None:
+    """Compile the kernel of ego-motion, or load it from the cache, by resting for a moment."""
+    ego = EgoMotion()
+    for tick in range(3):
+        ego.add(AccelerationSample(tick * 10**7, np.array([0.0, 0.0, 9.8]), tick))
+    ego.finish()
+    _note_use()
+
+
 def compile_kernels() -> None:
     """Compile the kernels, or load them from the cache, by mapping one tiny frame."""
     camera = CameraIntrinsics(16, 12, 16.0, 16.0, 7.5, 5.5)
@@ -104,4 +125,4 @@ def compile_kernels() -> None:
     derive(map_)
     fuse_map(map_)
     fill_gaps(map_, settings.resolution_m)
-    _note_use()
+    compile_filter()

@@ -26,7 +26,8 @@ def slip_variance(blocks: Blocks, settings: EgoMotionSettings) -> tuple[Float64A
 
     def mean(values: Float64Array) -> Float64Array:
         share = uniform_filter1d(known, width)
-        return uniform_filter1d(known * values, width) / np.maximum(share, 1.0 / width)
+        total = uniform_filter1d(known * values, width)
+        return np.asarray(total / np.maximum(share, 1.0 / width), np.float64)
 
     apart = np.abs(mean(blocks.wheel_turn_rad_s - blocks.turn_rad_s))
     sigma = np.sqrt(
