@@ -235,7 +235,7 @@ def prepare_filter(console: Console) -> None:
     from mapping.kernel_cache import compile_filter, filter_is_cached
 
     if not filter_is_cached():
-        console.note("compiling the filter of ego-motion; once per installation, takes about 10 s")
+        console.note("compiling the filter of ego-motion; once per installation, takes about 20 s")
     compile_filter()
 
 

@@ -223,6 +223,7 @@ def _move(
     x[Y] += v * cp * sy * dt
     x[Z] -= v * sp * dt
     x[YAW] += rate * dt
+    acceleration = x[ACCELERATION]
     for i in range(SIZE):
         if i != SPEED:
             x[i] *= d[i]
@@ -233,7 +234,7 @@ def _move(
         x[SPEED] = after * speeds[2]
     else:
         speeds = (factor, v, 1.0, 0.0, dt if held[6] == 0.0 else 0.0)
-        x[SPEED] = (x[SPEED] + x[ACCELERATION] * speeds[4]) * d[SPEED]
+        x[SPEED] = (x[SPEED] + acceleration * speeds[4]) * d[SPEED]
     _row_steps(p, a, d, speeds, guided)
     _row_steps(p.T, a, d, speeds, guided)
     _row_steps(phi, a, d, speeds, guided)
