@@ -48,15 +48,11 @@ _COMMANDS = {
     "cut": _Command("copy a part of a recording", "acquisition.commands.record"),
     "merge": _Command("copy several recordings into one", "acquisition.commands.record"),
     "map": _Command("turn a recording into an elevation map", "mapping.commands"),
-    "odometry": _Command(
-        "find the rover's way from vibration, gyro and wheels", "mapping.odometry_commands"
-    ),
-    "export": _Command(
-        "convert a map to GeoTIFF, PLY or PNG, draw figures", "mapping.output.commands"
-    ),
-    "evaluate": _Command("compare a map or a trajectory with the truth", "mapping.commands"),
+    "odometry": _Command("find the rover's way from its own sensors", "mapping.odometry_commands"),
+    "export": _Command("convert a map to GeoTIFF, PLY, PNG; draw it", "mapping.output.commands"),
+    "evaluate": _Command("compare a map or a way with the truth", "mapping.judging.commands"),
     "calibrate": _Command("make calibration files on a rig", "calibration_rigs.commands"),
-    "warmup": _Command("compile the mapping kernels now", "mapping.commands"),
+    "warmup": _Command("compile what is compiled once, now", "mapping.commands"),
 }
 
 
@@ -128,13 +124,14 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
-    shadowed = _shadowed_room()
-    if shadowed:
-        return _fail(shadowed)
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    name, options = _parse(words)
     try:
-        return _run(name, options)
+        shadowed = _shadowed_room()
+        if shadowed:
+            return _fail(shadowed)
+        return _run(*_parse(list(sys.argv[1:] if arguments is None else arguments)))
+    except KeyboardInterrupt:
+        print("terravibe: interrupted; no file is left half-written", file=sys.stderr)
+        return _INTERRUPTED
     except BrokenPipeError:
         # Whoever read our output has gone; keep the interpreter from complaining at exit.
         sys.stdout = None
@@ -181,9 +178,6 @@ def _run(name: str, options: argparse.Namespace) -> int:
         return _member(name, "run_{}")(options, Terminal())
     except TerravibeError as error:
         return _fail(str(error))
-    except KeyboardInterrupt:
-        print("terravibe: interrupted; no output was written", file=sys.stderr)
-        return _INTERRUPTED
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -215,7 +209,8 @@ def _shadowed_room() -> str:
 
 def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe demo`."""
-    parser.add_argument("--out", type=Path, default=Path("terravibe-demo"), metavar="DIR")
+    out = Path("terravibe-demo")
+    parser.add_argument("--out", type=Path, default=out, metavar="DIR", help=f"({out})")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything (1)")
     parser.add_argument("--seconds", type=float, default=15.0, metavar="S", help="in all (15)")
     parser.add_argument("--json", action="store_true", help="print the scores as JSON")
@@ -255,10 +250,13 @@ def _recorded_with(scenario: Scenario) -> tuple[list[StaticTransform], dict[str,
 
 def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe simulate`."""
+    from acquisition.commands.arguments import product
+
     names = "simulation, smooth, rough, indoor or outdoor"
     parser.add_argument("scenario", metavar="SCENARIO", help=names)
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="RUN.mcap")
-    parser.add_argument("--truth", type=Path, required=True, metavar="TRUTH.nc")
+    mcap, nc = product(".mcap"), product(".nc")
+    parser.add_argument("-o", "--output", type=mcap, required=True, metavar="RUN.mcap")
+    parser.add_argument("--truth", type=nc, required=True, metavar="TRUTH.nc")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything (1)")
     parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="in all (20)")
     parser.add_argument("--poses", choices=("true", "mocap"), help="instead of the scenario's own")
@@ -268,13 +266,10 @@ def run_simulate(options: argparse.Namespace, console: Terminal) -> int:
     """Drive, record and tell the truth; both files appear, or none."""
     from acquisition.files import replacing
     from acquisition.importing import record_all
-    from simulation.errors import SimulationError
     from simulation.scenario_source import ScenarioSource
     from simulation.scenarios import make_scenario
 
     output, truth, seconds = options.output, options.truth, options.seconds
-    if output.resolve() == truth.resolve():
-        raise SimulationError(f"recording and truth are both {output}; give two names")
     begin = time.monotonic()
     scenario = make_scenario(options.scenario, options.seed, seconds, options.poses)
     mounts, settings = _recorded_with(scenario)

@@ -20,8 +20,8 @@ def replacing(path: Path) -> Iterator[Path]:
     `path` as it was.
 
     Raises:
-        StreamError: the folder is missing or not writable, `path` is a folder, or the file
-            system refuses the last step; names the path and the cause.
+        StreamError: the folder is missing or not writable, `path` is there and no ordinary file,
+            or the file system refuses the last step; names the path and the cause.
     """
     check_target(path)
     temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.part{path.suffix}")
@@ -38,7 +38,9 @@ def refuse_same_file(path: Path, other: Path) -> None:
     Raises:
         StreamError: both names lead to the same file.
     """
-    if path.exists() and other.exists() and path.samefile(other):
+    if path.resolve() == other.resolve() or (
+        path.exists() and other.exists() and path.samefile(other)
+    ):
         raise StreamError(f"{other} and {path} are the same file; give another name")
 
 
@@ -46,7 +48,8 @@ def check_target(path: Path) -> None:
     """Refuse a product that could not be written, before the work for it begins.
 
     Raises:
-        StreamError: the folder is missing or not writable, or `path` is a folder.
+        StreamError: the folder is missing or not writable, or `path` is there and no ordinary
+            file, such as a folder, or /dev/null, which root could well replace.
     """
     folder = path.parent
     if not folder.is_dir():
@@ -55,6 +58,21 @@ def check_target(path: Path) -> None:
         raise StreamError(f"cannot write {path}: no permission to write in {folder}")
     if path.is_dir():
         raise StreamError(f"cannot write {path}: it is a folder; give the name of a file")
+    if path.exists() and not path.is_file():
+        raise StreamError(f"cannot write {path}: it is no ordinary file; give another name")
+
+
+def check_folder(path: Path) -> None:
+    """Refuse a folder of products that could not be made, before the work for it begins.
+
+    Raises:
+        StreamError: `path`, or what it would lie in, is there and no folder.
+    """
+    for folder in (path, *path.parents):
+        if folder.exists():
+            if not folder.is_dir():
+                raise StreamError(f"cannot write into {path}: {folder} is no folder")
+            return
 
 
 def _take_place(temporary: Path, path: Path) -> None:

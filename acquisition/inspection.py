@@ -21,6 +21,7 @@ _BEAT_QUANTILE, _BEAT_RATIO = 0.9, 2.0
 _EVENT_QUANTILE, _EVENTS = 0.99, 100
 # So many pauses, alike and filling most of the time, are how the stream is sent: in bursts.
 _BURSTS = 20
+_LONGEST_VALUE = 160
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,8 @@ class TopicSummary:
         messages: how many.
         first_ns: log time of the first message in the file.
         last_ns: log time of the last message in the file.
-        rate_hz: 1 / median period; None with fewer than two different times.
+        rate_hz: 1 / median period, but of a stream without a beat its messages over its time; None
+            with fewer than two different times.
         largest_gap_s: longest time between neighbours in log time; None with one message.
         size_bytes: sum of the messages before compression.
     """
@@ -81,7 +83,7 @@ class RecordingSummary:
         lines = [f"{self.path}: {self.size_bytes} bytes, {self.duration_s:.3f} s"]
         lines += [_topic_line(topic) for topic in self.topics]
         for name, record in self.metadata.items():
-            lines += [f"  {name}: {key} = {value}" for key, value in record.items()]
+            lines += [f"  {name}: {key} = {_shortened(value)}" for key, value in record.items()]
         lines += [f"damaged: {damage.describe()}" for damage in self.damaged]
         if not self.complete:
             lines.append(f"no proper end; {self.truncated_bytes} bytes are left over")
@@ -145,10 +147,23 @@ def _summary(topic: str, log: TopicLog) -> TopicSummary:
         messages=len(log.log_times_ns),
         first_ns=log.log_times_ns[0],
         last_ns=log.log_times_ns[-1],
-        rate_hz=float(1e9 / np.median(periods)) if periods.size else None,
+        rate_hz=_rate_hz(periods, len(log.log_times_ns)) if periods.size else None,
         largest_gap_s=float(periods.max() * 1e-9) if periods.size else None,
         size_bytes=log.size_bytes,
     )
+
+
+def _rate_hz(periods: NDArray[np.uint64], messages: int) -> float:
+    if _has_beat(periods):
+        return float(1e9 / np.median(periods))
+    return float(1e9 * (messages - 1) / periods.sum())
+
+
+def _shortened(value: str) -> str:
+    """Return a value of the metadata for people: settings and statistics fill pages."""
+    if len(value) <= _LONGEST_VALUE:
+        return value
+    return f"{value[:_LONGEST_VALUE]}... ({len(value)} characters; --json shows them)"
 
 
 def _topic_line(topic: TopicSummary) -> str:
@@ -227,11 +242,13 @@ def _gap_findings(topic: str, log: TopicLog, max_gap_periods: float) -> Iterator
 
 
 def _usual_period_ns(periods: NDArray[np.uint64]) -> float:
-    median_ns = float(np.median(periods))
-    has_beat = np.quantile(periods, _BEAT_QUANTILE) <= _BEAT_RATIO * median_ns
-    if has_beat or periods.size < _EVENTS:
-        return median_ns
+    if _has_beat(periods) or periods.size < _EVENTS:
+        return float(np.median(periods))
     return float(np.quantile(periods, _EVENT_QUANTILE, method="lower"))
+
+
+def _has_beat(periods: NDArray[np.uint64]) -> bool:
+    return bool(np.quantile(periods, _BEAT_QUANTILE) <= _BEAT_RATIO * np.median(periods))
 
 
 def _are_bursts(

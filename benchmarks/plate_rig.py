@@ -30,6 +30,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+from scipy.stats import binom
 
 from acquisition.importing import record_all
 from calibration_rigs.plate_rig.cell import CellResult, analyse
@@ -172,15 +173,16 @@ def _recorded(
 
 
 def coverage(options: argparse.Namespace) -> object:
-    """Count how often the interval of sigma holds the truth."""
+    """Count how often the interval of sigma holds the truth, beside what 95 % would give."""
     camera = cropped(kinect_640(), slice(180, 276), slice(272, 368))
     rig_ = Rig(baseline_m=Rig().baseline_m * camera.width_px / 640)
     model = DEVICES["kinect"]
     rows = []
+    n = options.repeats
     print(f"{'cell':>16} {'sigma/q':>8} {'inside':>7} {'mean ratio':>11} {'chi2 fails':>11}")
     for z_m, angle in ((1.0, 0.0), (1.4, 0.0), (1.4, 60.0), (2.2, 30.0), (3.0, 0.0)):
         inside, ratios, fails = 0, [], 0
-        for seed in range(options.repeats):
+        for seed in range(n):
             frames = CellFrames(
                 frames_of(Plate(z_m, angle), 10, seed, model, camera), camera, DeviceIdentity(), ""
             )
@@ -190,15 +192,26 @@ def coverage(options: argparse.Namespace) -> object:
             inside += cell.spread.low * cell.step_m <= true_m <= cell.spread.high * cell.step_m
             ratios.append(cell.sigma_m / true_m)
             fails += cell.goodness is not None and cell.goodness.p < 0.05
-        n = options.repeats
         rows.append([z_m, angle, inside / n, float(np.mean(ratios)), fails / n])
         print(
             f"{z_m:.1f} m / {angle:2.0f} deg   {cell.spread.sigma:8.2f} {100 * inside / n:6.1f}% "
-            f"{np.mean(ratios):11.4f} {100 * fails / n:10.1f}%"
+            f"{np.mean(ratios):11.4f} {100 * fails / n:10.1f}%",
+            flush=True,
         )
     whole = float(np.mean([row[2] for row in rows]))
-    print(f"all cells: {100 * whole:.1f} % of {len(rows) * options.repeats} intervals")
-    return {"cells": rows, "all": whole}
+    places, all_ = _band(n), _band(n * len(rows))
+    print(
+        f"a place, {n} intervals: 95 % gives {100 * places[0]:.1f} to {100 * places[1]:.1f} %\n"
+        f"pooled, {n * len(rows)}: {100 * whole:.2f} %; 95 % gives {100 * all_[0]:.1f} to "
+        f"{100 * all_[1]:.1f} %"
+    )
+    return {"cells": rows, "all": whole, "band_of_a_place": places, "band_of_all": all_}
+
+
+def _band(trials: int) -> tuple[float, float]:
+    """Return the shares between which 95 of 100 counts lie when each trial has 95 %."""
+    low, high = (float(binom.ppf(p, trials, 0.95)) / trials for p in (0.025, 0.975))
+    return low, high
 
 
 def column(options: argparse.Namespace) -> object:

@@ -15,6 +15,7 @@ from calibration_rigs.mount_rig.command import (
 )
 from calibration_rigs.plate_rig.command import add_plate_arguments, run_plate
 from calibration_rigs.static_rig.command import add_static_arguments, run_static
+from calibration_rigs.static_rig.delay_command import add_delay_arguments, run_delay
 
 
 class _Rig(NamedTuple):
@@ -26,6 +27,7 @@ class _Rig(NamedTuple):
 _RIGS = {
     "plate": _Rig("depth camera, from a flat plate", add_plate_arguments, run_plate),
     "static": _Rig("gyro, accelerometer, vibration sensor", add_static_arguments, run_static),
+    "delay": _Rig("yaw sensors' stamps against each other", add_delay_arguments, run_delay),
     "mount": _Rig("camera on the rover, from a flat floor", add_mount_arguments, run_mount),
     "track": _Rig("effective track of the wheels", add_track_arguments, run_track),
 }

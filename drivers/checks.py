@@ -7,17 +7,20 @@ from collections.abc import Sequence
 
 from drivers.errors import DriverError
 
+# No setting in SI units comes near it, and its square and its nanoseconds can still be counted.
+LARGEST = 1e9
+
 
 def check_positive(setting: str, value: float) -> None:
-    """Raise DriverError unless the value of that setting is a finite number above zero."""
-    if not (math.isfinite(value) and value > 0):
-        raise DriverError(f"{setting} is {value}; expected a finite number above 0, set it")
+    """Raise DriverError unless the value of that setting is a number above zero, to `LARGEST`."""
+    if not 0.0 < value <= LARGEST:  # NaN too
+        raise DriverError(f"{setting} is {value}; expected a number above 0, to {LARGEST:g}")
 
 
 def check_not_negative(setting: str, value: float) -> None:
-    """Raise DriverError unless the value of that setting is a finite number, zero or more."""
-    if not (math.isfinite(value) and value >= 0):
-        raise DriverError(f"{setting} is {value}; expected a finite number of 0 or more, set it")
+    """Raise DriverError unless the value of that setting is a number from zero to `LARGEST`."""
+    if not 0.0 <= value <= LARGEST:
+        raise DriverError(f"{setting} is {value}; expected a number of 0 or more, to {LARGEST:g}")
 
 
 def check_intrinsics(intrinsics_px: Sequence[float]) -> None:

@@ -8,7 +8,7 @@ was acquired is released again), `read` until `EndOfSource` or until nobody want
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Literal, Protocol, Self, cast
@@ -88,7 +88,11 @@ class Source(Protocol):
 
 
 class OpenSource:
-    """`with OpenSource(source) as info:` opens on entry and closes on every way out."""
+    """`with OpenSource(source) as opened:` opens on entry and closes on every way out.
+
+    Attributes:
+        info: what `open` found; None before.
+    """
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -120,8 +124,8 @@ SOURCES: Mapping[str, str] = {
 }
 
 
-def make_source(kind: str, /, **settings: object) -> Source:
-    """Construct the source of that kind; touches no device.
+def source_class(kind: str) -> Callable[..., Source]:
+    """Return what constructs the sources of that kind.
 
     Raises:
         DriverError: the kind is not in the table.
@@ -129,5 +133,13 @@ def make_source(kind: str, /, **settings: object) -> Source:
     if kind not in SOURCES:
         raise DriverError(f"no device kind {kind!r}; expected one of {', '.join(sorted(SOURCES))}")
     module_name, class_name = SOURCES[kind].split(":")
-    factory = getattr(importlib.import_module(module_name), class_name)
-    return cast(Source, factory(**settings))
+    return cast(Callable[..., Source], getattr(importlib.import_module(module_name), class_name))
+
+
+def make_source(kind: str, /, **settings: object) -> Source:
+    """Construct the source of that kind; touches no device.
+
+    Raises:
+        DriverError: the kind is not in the table, or the driver refuses a setting.
+    """
+    return source_class(kind)(**settings)

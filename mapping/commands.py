@@ -14,33 +14,30 @@ from math import inf, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
+from acquisition.commands.arguments import product, seconds
 from acquisition.commands.console import CHECK_FAILED, OK, Console, show
 from mapping.poses.settings import PoseSourceName, TiltSource
 
 if TYPE_CHECKING:
     from acquisition.stream.byte_source import ByteSource
     from acquisition.stream.reader import StreamMessage
-    from mapping.cells.elevation_map import ElevationMap
-    from mapping.judging.evaluation import Scores
-    from mapping.judging.floor_evaluation import FloorScores
     from mapping.session import MapOptions
 
 
 def add_info_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe info`."""
-    parser.add_argument("file", type=Path)
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("file", type=Path, help="a recording, a map's .nc or a world's .zarr")
+    parser.add_argument("--json", action="store_true", help="everything, as JSON")
 
 
 def run_info(options: argparse.Namespace, console: Console) -> int:
     """Say what a recording, a map or a world holds."""
-    is_world = (options.file / "zarr.json").exists()
-    if is_world or options.file.suffix == ".nc":
+    if options.file.is_dir() or options.file.suffix in (".nc", ".zarr"):
         from mapping.output.map_file import read_map
         from mapping.output.map_summary import summarise
-        from mapping.world.world_map import read_world
+        from mapping.world.world_map import is_world, read_world
 
-        map_ = read_world(options.file) if is_world else read_map(options.file)
+        map_ = read_world(options.file) if is_world(options.file) else read_map(options.file)
         show(console, summarise(map_), as_json=options.json)
     else:
         from acquisition.inspection import inspect
@@ -53,19 +50,35 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe map`; options left out keep the recording's values or the defaults."""
     add = parser.add_argument
     add("recording", help="MCAP file, or - for standard input")
-    add("-o", "--output", type=Path, metavar="FILE.nc", help="required without --world")
-    add("--follow", action="store_true", help="map a file that is still being written")
-    add("--idle-timeout-s", type=float, default=inf, metavar="S", help="with --follow: give up")
     add(
-        "--reorder-window-s", type=float, default=0.5, metavar="S", help="how late a message may be"
+        "-o",
+        "--output",
+        type=product(".nc"),
+        metavar="FILE.nc",
+        help="required without --world",
+    )
+    add("--follow", action="store_true", help="map a file that is still being written")
+    add(
+        "--idle-timeout-s",
+        type=seconds,
+        metavar="S",
+        help="with --follow: the longest silence",
+    )
+    add(
+        "--reorder-window-s",
+        type=seconds,
+        default=0.5,
+        metavar="S",
+        help="how late a message may be (0.5)",
     )
     add("--resolution", dest="resolution_m", type=float, metavar="M", help="cell size (0.04)")
-    add("--grid", choices=("growing", "scrolling"), help="keep everything, or a window")
+    add("--grid", choices=("growing", "scrolling"), help="keep everything (growing), or a window")
     add("--window-m", type=float, metavar="M", help="edge of that window (6; of a world 12)")
     add("--world", type=Path, metavar="DIR.zarr", help="keep on disk what leaves the window")
     add("--continue", dest="continue_world", action="store_true", help="add to that world")
-    add("--method", choices=("corrected", "paper2019"), help="or the paper's printed equations")
+    add("--method", choices=("corrected", "paper2019"), help="paper2019: as printed, to compare")
     add("--noise", metavar="MODEL", help="preset, constant:SIGMA_M, or a calibration file")
+    add("--undistortion", type=Path, metavar="FILE.npz", help="take this off every pixel")
     add("--calibrations", type=Path, metavar="DIR", help="take the file of the recording's device")
     add("--range-min-m", type=float, metavar="M", help="nearest depth that is mapped (0.4)")
     add("--range-max-m", type=float, metavar="M", help="farthest depth that is mapped (4)")
@@ -98,6 +111,7 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
     if gap_m is not None:
         gap_cells(gap_m, map_options.settings.resolution_m)  # refuse it before the long work
     _check_targets(options)
+    _tell_of_other_parts(options.recording, console)
     with _byte_source(options) as source:
         prepare_kernels(console)
         reader = StreamReader(source, reorder_window_ns=round(options.reorder_window_s * 1e9))
@@ -124,22 +138,45 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
 
 
 def _check_targets(options: argparse.Namespace) -> None:
-    """Refuse what cannot be written before the long work."""
-    from acquisition.files import check_target
+    """Refuse what cannot be written, and what would do nothing, before the long work."""
+    from acquisition.files import check_folder, check_target, refuse_same_file
     from mapping.errors import MappingError
 
-    if options.output:
-        check_target(options.output)
-    elif not options.world:
+    if not options.output and not options.world:
         raise MappingError("nothing to write; give -o FILE.nc, --world DIR.zarr, or both")
-    if options.trajectory:
-        check_target(options.trajectory)
+    targets = [target for target in (options.output, options.trajectory) if target]
+    for target in targets:
+        check_target(target)
+        refuse_same_file(Path(options.recording), target)
+    if len(targets) == 2:
+        refuse_same_file(*targets)
+    if options.figures:
+        check_folder(options.figures)
+    if options.idle_timeout_s is not None and not options.follow:
+        raise MappingError("--idle-timeout-s is for --follow; give both or none")
+    if options.noise and options.calibrations:
+        raise MappingError("--noise and --calibrations both say the noise; give one of them")
     if options.world and options.grid == "growing":
         raise MappingError("a world is mapped through a scrolling window; leave --grid out")
     if options.world and options.method == "paper2019":
         raise MappingError("paper2019 has no window over a world; leave --world out")
+    if options.undistortion and options.method == "paper2019":
+        raise MappingError("paper2019 takes readings as they are; leave --undistortion out")
     if options.continue_world and not options.world:
         raise MappingError("--continue adds to a world; give --world DIR.zarr too")
+
+
+def _tell_of_other_parts(recording: str, console: Console) -> None:
+    """Say that a recording goes on in further parts, which are recordings of their own."""
+    from acquisition.stream.parts import parts_of
+
+    path = Path(recording)
+    others = [part for part in parts_of(path) if part != path] if path.is_file() else []
+    if others:
+        console.note(
+            f"warning: {recording} goes on in {', '.join(part.name for part in others)}, which is "
+            "not mapped; `terravibe merge` makes one recording of them"
+        )
 
 
 def _map_options(options: argparse.Namespace) -> MapOptions:
@@ -147,6 +184,7 @@ def _map_options(options: argparse.Namespace) -> MapOptions:
     from mapping.calibration_file import calibration_from_name
     from mapping.session import MapOptions
     from mapping.settings import MapSettings
+    from mapping.undistortion import read_undistortion
 
     names = MapSettings.__dataclass_fields__.keys() - {"mount_sigma_m"}
     given = {
@@ -162,6 +200,7 @@ def _map_options(options: argparse.Namespace) -> MapOptions:
         given=frozenset(given),
         noise=calibration_from_name(options.noise) if options.noise else None,
         calibrations=options.calibrations,
+        undistortion=read_undistortion(options.undistortion) if options.undistortion else None,
         mount_sigma_m=options.mount_sigma_m,
         mount_sigma_rad=None if degrees is None else radians(degrees),
         world=options.world,
@@ -184,7 +223,9 @@ def _byte_source(options: argparse.Namespace) -> Iterator[ByteSource]:
         with (
             _interrupt_as_stop() as stop,
             GrowingFile(
-                Path(options.recording), idle_timeout_s=options.idle_timeout_s, stop=stop
+                Path(options.recording),
+                idle_timeout_s=inf if options.idle_timeout_s is None else options.idle_timeout_s,
+                stop=stop,
             ) as growing,
         ):
             yield growing
@@ -245,71 +286,9 @@ def add_warmup_arguments(_: argparse.ArgumentParser) -> None:
 
 def run_warmup(_: argparse.Namespace, console: Console) -> int:
     """Compile the kernels now, not at the first frame."""
+    from acquisition.commands.console import prepare_depth_code
+
     prepare_kernels(console)
-    console.lines(["the mapping kernels are compiled and cached"])
+    prepare_depth_code(console)
+    console.lines(["the mapping kernels and the code for depth images are compiled and cached"])
     return OK
-
-
-def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare `terravibe evaluate`."""
-    from mapping.odometry_commands import add_comparison_arguments
-
-    parser.add_argument(
-        "subject", nargs="+", metavar="MAP | odometry EST TRUTH", help="a map, or two trajectories"
-    )
-    judge = parser.add_mutually_exclusive_group()
-    judge.add_argument("--truth", type=Path, metavar="FILE.nc", help="true heights")
-    judge.add_argument("--floor-height-m", type=float, metavar="M", help="height of a flat floor")
-    parser.add_argument("--box", type=Path, metavar="FILE", help="a box that stands on the floor")
-    parser.add_argument(
-        "--trajectory",
-        type=Path,
-        metavar="FILE.txt",
-        help="with --truth: the poses that the map was made with, where they are not the true ones",
-    )
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw into DIR")
-    parser.add_argument("--json", action="store_true")
-    add_comparison_arguments(parser)
-
-
-def run_evaluate(options: argparse.Namespace, console: Console) -> int:
-    """Compare a map with the truth or with a flat floor, or two trajectories."""
-    from mapping.errors import MappingError
-    from mapping.judging.floor_evaluation import evaluate_floor, read_box
-    from mapping.odometry_commands import compare_trajectories
-    from mapping.output.map_file import read_map
-
-    if options.subject[0] == "odometry":
-        return compare_trajectories(options, console)
-    if len(options.subject) != 1 or (options.truth is None and options.floor_height_m is None):
-        raise MappingError(
-            "give one map with --truth FILE.nc or --floor-height-m M, or odometry EST TRUTH"
-        )
-    map_ = read_map(Path(options.subject[0]))
-    scores: Scores | FloorScores
-    if options.truth:
-        scores = _evaluate_truth(map_, options, console)
-    elif options.trajectory or options.figures:
-        raise MappingError("--trajectory and --figures need --truth; a flat floor has neither")
-    else:
-        box = read_box(options.box) if options.box else None
-        scores = evaluate_floor(map_, options.floor_height_m, box)
-    if options.json:
-        console.json(scores.as_json())
-    else:
-        console.lines(scores.lines())
-    return OK
-
-
-def _evaluate_truth(map_: ElevationMap, options: argparse.Namespace, console: Console) -> Scores:
-    from drivers.depth.trajectory import read_trajectory
-    from mapping.judging.truth import evaluate_truth, read_truth
-    from mapping.output.figures import write_figures
-
-    truth = read_truth(options.truth)
-    believed = read_trajectory(options.trajectory) if options.trajectory else None
-    scores = evaluate_truth(map_, truth, believed=believed)
-    if options.figures:
-        with console.progress(f"drawing into {options.figures}"):
-            write_figures(map_, options.figures, truth.truth_at(map_).height_m, scores)
-    return scores

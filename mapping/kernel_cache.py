@@ -1,12 +1,10 @@
-"""Compiled kernels: where numba keeps them, whether they are there, and making them."""
+"""The mapping kernels: whether they are compiled, and compiling them."""
 
 from __future__ import annotations
 
-import contextlib
-from pathlib import Path
-
 import numpy as np
 
+from acquisition.kernel_cache import are_cached, note_use
 from drivers.samples import AccelerationSample, CameraIntrinsics
 from mapping import measurement_kernels
 from mapping.alignment import plane_kernels, point_kernels, residual_kernels
@@ -26,6 +24,7 @@ from mapping.ground.fill import fill_gaps
 from mapping.ground.fusion import fuse_map
 from mapping.ground.layers import derive
 from mapping.measurement import FrameReducer, View
+from mapping.motion import read_out_kernels
 from mapping.motion.ledger import at_rest
 from mapping.noise import NGUYEN_2012
 from mapping.settings import MapSettings
@@ -41,6 +40,7 @@ _ENTRY_POINTS = (
     overhang.drop_readings,
     visibility.look_through,
     hidden.mark_jumps,
+    read_out_kernels.add_errors,
     relief_kernels.surrounding_relief,
     layer_kernels.plane_layers,
     layer_kernels.step_heights,
@@ -54,43 +54,12 @@ _ENTRY_POINTS = (
 
 def kernels_are_cached() -> bool:
     """Tell whether the kernels were all compiled earlier by this installation."""
-    return all(map(_is_cached, _ENTRY_POINTS))
+    return are_cached(_ENTRY_POINTS)
 
 
 def filter_is_cached() -> bool:
     """Tell whether that of ego-motion was."""
-    return _is_cached(filter_kernels.run)
-
-
-def _is_cached(kernel: object) -> bool:
-    return any(map(_is_newer, _indices(kernel)))
-
-
-def _indices(kernel: object) -> list[tuple[Path, Path]]:
-    """Return numba's index files of a kernel, each with the kernel's source."""
-    function = kernel.py_func  # type: ignore[attr-defined] # numba has no type information
-    folder = Path(kernel.stats.cache_path)  # type: ignore[attr-defined]
-    source = Path(function.__code__.co_filename)
-    pattern = f"{source.stem}.{function.__name__}-*.nbi"
-    return [(index, source) for index in folder.glob(pattern)]
-
-
-def _is_newer(pair: tuple[Path, Path]) -> bool:
-    index, source = pair
-    return index.stat().st_mtime >= source.stat().st_mtime
-
-
-def _note_use() -> None:
-    """Give the index files the time of now, where that is permitted.
-
-    numba goes by the content of the source: an index that is older than its source, as after a
-    checkout, may have served all the same.
-    """
-    for kernel in _ENTRY_POINTS:
-        for pair in _indices(kernel):
-            if not _is_newer(pair):
-                with contextlib.suppress(PermissionError):
-                    pair[0].touch()
+    return are_cached((filter_kernels.run,))
 
 
 def compile_filter() -> None:
@@ -99,7 +68,7 @@ def compile_filter() -> None:
     for tick in range(3):
         ego.add(AccelerationSample(tick * 10**7, np.array([0.0, 0.0, 9.8]), tick))
     ego.finish()
-    _note_use()
+    note_use((filter_kernels.run,))
 
 
 def compile_kernels() -> None:
@@ -126,3 +95,4 @@ def compile_kernels() -> None:
     fuse_map(map_)
     fill_gaps(map_, settings.resolution_m)
     compile_filter()
+    note_use(_ENTRY_POINTS)

@@ -33,12 +33,15 @@ from mapping.motion.ledger import MotionLedger
 from mapping.motion.pose_errors import PoseErrorModel
 from mapping.motion.read_out import Rover
 from mapping.motion.relative import RelativeMotion
+from mapping.motion.repeats import Repeats
+from mapping.motion.run_state import RunState
 from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
 from mapping.poses.choice import is_aligned, pose_errors_for, pose_source_for
 from mapping.poses.frame_covariance import frame_covariance
 from mapping.poses.motion import MotionTracker
 from mapping.settings import MapSettings
+from mapping.undistortion import Undistortion
 
 FloatArray = TypeVar("FloatArray", NDArray[np.float32], NDArray[np.float64])
 
@@ -57,6 +60,7 @@ class Mapper:
         pose_errors: PoseErrorModel | None = None,
         *,
         fallback: DepthNoiseModel | None = None,
+        undistortion: Undistortion | None = None,
         on_pose: Callable[[UncertainPose], None] = lambda _: None,
     ) -> None:
         """Start with an empty map, or with a grid that knows cells already.
@@ -64,10 +68,12 @@ class Mapper:
         Args:
             settings: of the map and its poses.
             noise: of the depth camera; holds within its own range.
-            grid: where the cells live; None = as the settings want.
+            grid: where the cells live, and what is known of the runs that they are from; None =
+                an empty one, as the settings want.
             pose_errors: where the poses' errors are counted; None = as suits their source.
             fallback: noise of readings that the settings want and `noise` does not cover;
                 None = such readings are not mapped.
+            undistortion: what to take off the depth camera's readings.
             on_pose: told the pose of every frame that is mapped.
 
         Raises:
@@ -75,18 +81,25 @@ class Mapper:
         """
         self.settings = settings
         self.noise = _within_both_ranges(settings, noise)
+        self.undistortion = undistortion
         self.pose_errors = pose_errors or pose_errors_for(settings)
         self.counts = MapperCounts()
         self._on_pose = on_pose
-        self._ledger = MotionLedger(with_covariance=self.pose_errors.motion_covariance)
-        self._rover_m = (0.0, 0.0)
         self._grid = grid or make_grid(settings)
-        self._fusion = fusion_constants(settings)
-        self._poses = pose_source_for(settings)
-        absolute = settings.pose_source == "mocap"
+        before = self._grid.run
         wanted = self.pose_errors.motion_covariance
-        self._motion = None if absolute else MotionTracker(self._poses, with_covariance=wanted)
+        self._ledger = MotionLedger(
+            with_covariance=wanted or is_aligned(settings), before=before.rover.motions
+        )
+        self._rover_m = before.rover.x_m, before.rover.y_m
+        self._last = before.pose
+        self._fusion = fusion_constants(settings)
+        self._poses = pose_source_for(settings, before.pose)
+        self._motion: MotionTracker | None = None
+        if settings.pose_source != "mocap":
+            self._motion = MotionTracker(self._poses, with_covariance=wanted, told=before.told)
         self._mounts = MountTree()
+        self._repeats = Repeats(jittering=settings.pose_source == "mocap")
         self._localiser: Localiser | None = None
         if is_aligned(settings):
             self._localiser = Localiser(
@@ -96,6 +109,7 @@ class Mapper:
                 settings.gravity,
                 settings.resolution_m,
             )
+            self._localiser.slid_rad = before.slid_rad
         self._waiting: list[DepthFrame] = []
         self._fallbacks = _around(self.noise, settings, fallback)
         self._reducers: list[FrameReducer] = []
@@ -153,7 +167,7 @@ class Mapper:
             self._map_or_count(frame)
         self._follow_latest()
         self._count_poses()
-        self._grid.save()
+        self._grid.keep(self._run(), at_once=True)
 
     def elevation_map(self, attributes: dict[str, str | int | float] | None = None) -> ElevationMap:
         """Return the map as it is now.
@@ -171,12 +185,18 @@ class Mapper:
         Raises:
             MappingError: no reading has reached the map.
         """
+        return read_out(self._grid, self.settings, attributes, self._run().rover)
+
+    def _run(self) -> RunState:
+        """Return what is known beside the cells, as of now."""
         errors = self.pose_errors
-        if self._localiser is not None and self._localiser.slid_rad > 0.0:
-            tilt_rad = math.hypot(errors.gravity_sigma_rad, self._localiser.slid_rad)
+        slid_rad = self._localiser.slid_rad if self._localiser else 0.0
+        if slid_rad > 0.0:
+            tilt_rad = math.hypot(errors.gravity_sigma_rad, slid_rad)
             errors = replace(errors, gravity_sigma_rad=tilt_rad)
         rover = Rover(*self._rover_m, self._ledger.motions, errors)
-        return read_out(self._grid, self.settings, attributes, rover)
+        told = self._motion.told if self._motion else None
+        return RunState(rover, self._last, told, slid_rad)
 
     def _map_ready_frames(self, now_ns: int) -> None:
         """Map waiting frames whose pose is final, or that have waited long enough.
@@ -207,12 +227,13 @@ class Mapper:
             pose = self._localiser.refine(reducers[0], prior, mount, self._grid)
         if pose is None:
             return
-        self._follow(pose)
+        self._follow(pose, is_free=self._localiser is not None and not self._localiser.is_held)
         counted = replace(pose, covariance=frame_covariance(pose.covariance, self.pose_errors))
         view = View(counted, pose.transform @ mount)
         farthest = max(reducers, key=lambda reducer: reducer.noise.range_max_m)
         window = self._grid.prepare(farthest.footprint(view), *self._rover_m)
-        constants = [self._constants(reducer, view, window) for reducer in reducers]
+        repeats = self._repeats.count(view.T_terrain_sensor, counted)
+        constants = [self._constants(reducer, view, window, repeats) for reducer in reducers]
         sums = [
             self._reduce(reducer, count, view, window, c)
             for reducer, count, c in zip(reducers, readings, constants, strict=True)
@@ -224,13 +245,16 @@ class Mapper:
             self.counts.rejected += result.rejected
             self.counts.replaced += result.replaced
         self.counts.frames += 1
+        self._grid.keep(self._run())
         self._on_pose(pose)
 
     def _load(self, reducer: FrameReducer, frame: DepthFrame) -> int:
         """Take a frame's readings; return how many are left without those of the rover itself."""
         return reducer.load(frame.depth_mm) - self._drop_own_body(reducer)
 
-    def _constants(self, reducer: FrameReducer, view: View, window: CellWindow) -> FrameConstants:
+    def _constants(
+        self, reducer: FrameReducer, view: View, window: CellWindow, repeats: int
+    ) -> FrameConstants:
         """Return what the update needs to know of this frame, its pose's errors among it."""
         constants = reducer.frame_constants(view, window, self._grid.position(window))
         errors = self.pose_errors
@@ -238,6 +262,7 @@ class Mapper:
             frame_m2=errors.frame_sigma_m**2,
             frame_rad2=errors.frame_sigma_rad**2,
             drift_per_m=errors.drift_per_m,
+            repeats=float(repeats),
         )
 
     def _reduce(
@@ -261,15 +286,16 @@ class Mapper:
         """Follow the rover though there is no depth."""
         latest = self._poses.latest
         if latest is not None:
-            self._follow(latest)
+            self._follow(latest, is_free=self._localiser is not None)
 
-    def _follow(self, pose: UncertainPose) -> None:
-        """Let the map know how the rover has moved."""
-        motion = self._motion.step(pose) if self._motion else None
+    def _follow(self, pose: UncertainPose, *, is_free: bool) -> None:
+        """Let the map know how the rover has moved, and whether no map held it on the way."""
+        motion = self._motion.step(pose, is_free=is_free) if self._motion else None
         if motion is not None:
             self.move(motion)
         x_m, y_m, _ = pose.transform.translation_m.tolist()
         self._rover_m = (x_m, y_m)
+        self._last = pose
 
     def _drop_own_body(self, reducer: FrameReducer) -> int:
         """Drop what hits the rover itself; return how many readings."""
@@ -307,7 +333,9 @@ class Mapper:
     def _reducers_for(self, camera: CameraIntrinsics) -> list[FrameReducer]:
         if not self._reducers or self._reducers[0].camera != camera:
             noises = [self.noise, *self._fallbacks]
-            self._reducers = [FrameReducer(camera, noise, self.settings) for noise in noises]
+            self._reducers = [
+                FrameReducer(camera, noise, self.settings, self.undistortion) for noise in noises
+            ]
         return self._reducers
 
     def _count_poses(self) -> None:

@@ -23,6 +23,7 @@ from mapping.errors import MappingError
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.noise import DepthNoiseModel
 from mapping.settings import MapSettings
+from mapping.undistortion import Undistortion
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -67,8 +68,20 @@ class FrameReducer:
     """Sums a frame's pixels per cell; keeps its work arrays from frame to frame."""
 
     def __init__(
-        self, camera: CameraIntrinsics, noise: DepthNoiseModel, settings: MapSettings
+        self,
+        camera: CameraIntrinsics,
+        noise: DepthNoiseModel,
+        settings: MapSettings,
+        undistortion: Undistortion | None = None,
     ) -> None:
+        """Make the constants of a camera.
+
+        Raises:
+            MappingError: the undistortion is for images of another size.
+        """
+        if undistortion is not None:
+            undistortion.check_camera(camera)
+        self._undistortion = undistortion
         self._camera = camera
         self._noise = noise
         self._settings = settings
@@ -106,9 +119,11 @@ class FrameReducer:
         range; the box around its five corners therefore holds them all. One cell more on every
         side, because the kernel's float32 may round a reading on the border outwards.
         """
-        points = view.T_terrain_sensor.apply(self._corners_m)[:, :2] / self._settings.resolution_m
-        low_x, low_y = (math.floor(value) for value in points.min(axis=0))
-        high_x, high_y = (math.floor(value) for value in points.max(axis=0))
+        points = view.T_terrain_sensor.apply(self._corners_m) / self._settings.resolution_m
+        # Five points are sooner looked through in Python than by numpy.
+        x, y, _ = points.T.tolist()
+        low_x, low_y = math.floor(min(x)), math.floor(min(y))
+        high_x, high_y = math.floor(max(x)), math.floor(max(y))
         return CellWindow(low_x - 1, low_y - 1, high_x - low_x + 3, high_y - low_y + 3)
 
     def load(self, depth_mm: NDArray[np.uint16]) -> int:
@@ -125,7 +140,13 @@ class FrameReducer:
             )
         # numba compiles once more for arrays that are read-only, as a stream's are.
         plain = np.require(depth_mm, requirements=["C", "A", "W"])
-        return kernels.ranges_from_millimetres(plain, self._range, self._baseline_px, self._z_m)
+        count = kernels.ranges_from_millimetres(plain, self._range, self._baseline_px, self._z_m)
+        if self._undistortion is None:
+            return count
+        inside = self._z_m[self._baseline_px : -self._baseline_px, :]
+        inside = inside[:, self._baseline_px : -self._baseline_px]
+        noise = self._noise
+        return self._undistortion.straighten(inside, noise.range_min_m, noise.range_max_m)
 
     def reduce(self, view: View, window: CellWindow) -> tuple[Float64Array, int]:
         """Sum the loaded frame over the cells of `window`.
@@ -194,6 +215,7 @@ class FrameReducer:
             bias_2_per_m=self._noise.bias_sigma_quadratic_per_m,
             correlation_area_px=max(self._noise.correlation_area_px / self._decimation**2, 1.0),
             range_min_m=self._noise.range_min_m,
+            fixed_share=self._noise.fixed_share,
         )
 
 
@@ -232,10 +254,10 @@ def _view_constants(view: View, window: CellWindow, cell_size_m: float) -> kerne
     rotation = view.T_terrain_sensor.rotation
     camera = view.T_terrain_sensor.translation_m
     values = (
-        *rotation.ravel(),
-        camera[0] / cell_size_m - window.first_x,
-        camera[1] / cell_size_m - window.first_y,
+        *rotation.ravel().tolist(),
+        float(camera[0]) / cell_size_m - window.first_x,
+        float(camera[1]) / cell_size_m - window.first_y,
         1.0 / cell_size_m,
     )
-    constants = [np.float32(value) for value in values]
+    constants = np.array(values, np.float32)
     return kernels.ViewConstants._make([*constants, window.cells_x, window.cells_y])

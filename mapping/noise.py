@@ -43,8 +43,10 @@ class DepthNoiseModel:
         quantum_per_m: k; the depth step at distance z is k z^2 metres; 0 = already in c0..c3.
         bias_m, bias_slope, bias_quadratic_per_m: b0, b1, b2; subtracted from every reading.
         bias_sigma_m, bias_sigma_quadratic_per_m: s0, s2; one draw per device and run.
-        correlation_area_px: pixels of the 640 px wide image that share one noise draw; n pixels
-            in a cell count as max(1, n / correlation_area_px) independent ones; 1 = white noise.
+        correlation_area_px: pixels of the 640 px wide image that share one noise draw: the
+            autocorrelation summed over all lags; see `independent_readings`; 1 = white noise.
+        fixed_share: share of a reading's variance that is the same in all frames from one place;
+            by default what the depth step, (k z^2)^2 / 12, is of Nguyen's spread at 1.5-4 m.
         range_min_m, range_max_m: readings outside are not mapped.
     """
 
@@ -62,6 +64,7 @@ class DepthNoiseModel:
     bias_sigma_m: float = 0.0
     bias_sigma_quadratic_per_m: float = 0.0
     correlation_area_px: float = 1.0
+    fixed_share: float = 0.3
     range_min_m: float = 0.4
     range_max_m: float = 4.0
 
@@ -92,6 +95,27 @@ class DepthNoiseModel:
     def with_range(self, range_min_m: float, range_max_m: float) -> DepthNoiseModel:
         """Return the same model for readings between these distances."""
         return replace(self, range_min_m=range_min_m, range_max_m=range_max_m)
+
+
+def independent_readings(pixels: Float64Array, area_px: float) -> Float64Array:
+    """Return N_eff of `pixels` neighbours whose noise is alike over `area_px` pixels (>= 1).
+
+    The variance of their mean is that of one over N_eff = n^2 / (sum of rho over all pairs). Only
+    pairs inside the patch count: `area_px`, the sum of rho over all lags, counts neighbours that
+    lie outside, so n / area_px is too few, half at n = area_px, and below one for less. With
+    rho = exp(-pi r^2 / A), a compact patch and x = (n - 1) / A
+
+        N_eff = 1 + x + (1 - 1/A) (2/pi) x sqrt(x) / (x + sqrt(2 x) + 0.6)
+
+    1 for one pixel, n for white noise (A = 1), (sqrt(x) + 1/pi)^2 for large patches, as the
+    integral has it. Within 4 % of the sum over pairs for squares; patches three times as long as
+    wide are worth up to 12 % more than this says, which errs on the safe side.
+    """
+    x = (pixels - 1.0) / area_px
+    root = np.sqrt(x)
+    inside = x * root / (x + np.sqrt(2.0) * root + 0.6)
+    count: Float64Array = 1.0 + x + (1.0 - 1.0 / area_px) * (2.0 / np.pi) * inside
+    return count
 
 
 def _angle_ratio(incidence_rad: Float64Array) -> Float64Array:
@@ -132,6 +156,7 @@ KINECT_QUANTISATION = DepthNoiseModel(
     name="kinect-quantisation",
     axial_offset_m=0.0,
     quantum_per_m=1.0 / (8.0 * KINECT_V1_FOCAL_BASELINE_PX_M),
+    fixed_share=1.0,
 )
 
 PRESETS = {model.name: model for model in (KINECT_V1, NGUYEN_2012, KINECT_QUANTISATION)}

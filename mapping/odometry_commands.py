@@ -11,7 +11,7 @@ from acquisition.commands.console import OK, Console, show
 def add_odometry_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe odometry`."""
     add = parser.add_argument
-    add("recording", type=Path)
+    add("recording", type=Path, help="of accelerations or vibration, yaw rates, wheels")
     add(
         "-o",
         "--output",
@@ -20,7 +20,12 @@ def add_odometry_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="EST",
         help=".nc with covariances, else a TUM file",
     )
-    add("--method", choices=("filter", "paper2019"), default="filter", help="(filter)")
+    add(
+        "--method",
+        choices=("filter", "paper2019"),
+        default="filter",
+        help="paper2019: as printed, to compare (filter)",
+    )
     add("--rate-hz", type=float, default=50.0, metavar="HZ", help="poses per second (50)")
     add("--without-wheels", action="store_true", help="vibration and gyro alone")
     add("--with-poses", action="store_true", help="recorded poses count as measurements")
@@ -32,7 +37,7 @@ def add_odometry_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_odometry(options: argparse.Namespace, console: Console) -> int:
     """Find the trajectory of a recording and write it."""
-    from acquisition.files import check_target
+    from acquisition.files import check_target, refuse_same_file
     from acquisition.stream.byte_source import FinishedFile
     from acquisition.stream.reader import StreamReader
     from mapping.commands import prepare_filter
@@ -44,6 +49,7 @@ def run_odometry(options: argparse.Namespace, console: Console) -> int:
     changes = [*options.set, *(["use_external_poses=1"] if options.with_poses else [])]
     settings = with_changes(EgoMotionSettings(), changes)  # refuse them before the long work
     check_target(options.output)
+    refuse_same_file(options.recording, options.output)
     if options.method == "filter":
         prepare_filter(console)
     if options.method == "paper2019":
@@ -83,7 +89,6 @@ def add_comparison_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--align",
         choices=("none", "start", "yaw", "se3"),
-        default="start",
         help="odometry: how the trajectories are put together (start)",
     )
 
@@ -104,8 +109,12 @@ def compare_trajectories(options: argparse.Namespace, console: Console) -> int:
             f"odometry with {len(options.subject) - 1} files; expected EST and TRUTH: TUM files, "
             ".nc files, or a recording with motion capture as TRUTH"
         )
+    if options.truth or options.floor_height_m is not None or options.box or options.trajectory:
+        raise MappingError(
+            "--truth, --floor-height-m, --box and --trajectory are for maps; leave them out"
+        )
     estimate, truth = (read_path(Path(name)) for name in options.subject[1:])
-    scores = evaluate_odometry(estimate, truth, options.align)
+    scores = evaluate_odometry(estimate, truth, options.align or "start")
     if options.figures:
         write_odometry_figures(scores, options.figures)
     show(console, scores, as_json=options.json)

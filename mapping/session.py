@@ -30,9 +30,10 @@ from mapping.noise import KINECT_V1, DepthNoiseModel
 from mapping.paper2019.paper_mapper import PaperMapper
 from mapping.settings import MapSettings
 from mapping.stored_settings import flat, overlaid
+from mapping.undistortion import Undistortion
 from mapping.world.tile_store import TileStore
 from mapping.world.world_grid import WorldGrid
-from mapping.world.world_map import about_world, check_same_cells
+from mapping.world.world_map import about_world, check_continues
 
 Method = Literal["corrected", "paper2019"]
 
@@ -49,6 +50,7 @@ class MapOptions:
         noise: depth noise model, or a calibration, which is refused for another device.
         calibrations: folder of calibration files; that of the recording's depth camera is used
             when no noise is given.
+        undistortion: of the depth camera, pixel by pixel; refused for another device.
         mount_sigma_m, mount_sigma_rad: uncertainty of the depth sensor's mount.
         world: folder of a world map that keeps what leaves the scrolling window.
         continue_world: whether that world is there already.
@@ -59,6 +61,7 @@ class MapOptions:
     given: frozenset[str] = frozenset()
     noise: DepthNoiseModel | Calibration | None = None
     calibrations: Path | None = None
+    undistortion: Undistortion | None = None
     mount_sigma_m: float | None = None
     mount_sigma_rad: float | None = None
     world: Path | None = None
@@ -108,10 +111,10 @@ def map_stream(
             progress(message)
         mapper = mapper or _mapper_for(options, reader.metadata, resources, poses.append)
         mapper.finish()
-    report = reader.report
-    attributes = _attributes(mapper, report)
+        report = reader.report
+        map_ = mapper.elevation_map(_attributes(mapper, report))
     return MapResult(
-        map=mapper.elevation_map(attributes),
+        map=map_,
         report=report,
         counts=mapper.counts,
         settings=mapper.settings,
@@ -162,12 +165,21 @@ def _mapper_for(
     if inertial is not None:
         settings = replace(settings, ego_motion=inertial.settings)
     model = noise.model if isinstance(noise, Calibration) else noise or KINECT_V1
+    if options.undistortion is not None:
+        options.undistortion.check_device(depth_device(metadata))
     if options.method == "paper2019":
         return PaperMapper(settings, model, on_pose=on_pose)
     grid = _world_grid(options, settings, model, resources)
     # Measured in a box of distances: outside it the default model stands in.
     fallback = KINECT_V1 if isinstance(noise, Calibration) and noise.measured else None
-    return Mapper(settings, model, grid, fallback=fallback, on_pose=on_pose)
+    return Mapper(
+        settings,
+        model,
+        grid,
+        fallback=fallback,
+        undistortion=options.undistortion,
+        on_pose=on_pose,
+    )
 
 
 def _inertial_for(
@@ -191,7 +203,7 @@ def _world_grid(
         )
     if options.continue_world:
         store = resources.enter_context(TileStore.reopen(options.world))
-        check_same_cells(store, settings)
+        check_continues(store, settings)
     else:
         about = about_world(settings, noise)
         store = resources.enter_context(TileStore.create(options.world, about))
@@ -267,11 +279,19 @@ def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:
     """Return the settings with what the recording says, where the user says nothing.
 
     Raises:
-        MappingError: the recording's map section is none.
+        MappingError: the recording's map section is none, or the user gave what has no effect.
     """
-    if section is None:
-        return options.settings
-    return overlaid(options.settings, section, options.given, "the recording's map section")
+    settings = options.settings
+    if section is not None:
+        where = "the recording's map section"
+        settings = overlaid(settings, section, options.given, where)
+    if "window_m" in options.given and settings.grid == "growing":
+        raise MappingError("window_m is given, but a growing map has none; use a scrolling grid")
+    if "tilt_source" in options.given and not settings.pose_source.startswith("ego-motion"):
+        raise MappingError(
+            f"tilt_source is given, but poses from {settings.pose_source} have their own tilt"
+        )
+    return settings
 
 
 def _first(*candidates: object) -> float:
@@ -295,6 +315,8 @@ def _attributes(mapper: Mapper, report: ReadReport) -> dict[str, str | int | flo
         for name, value in asdict(mapper.pose_errors).items()
     }
     attributes |= {f"input_{name}": value for name, value in asdict(mapper.counts).items()}
+    if mapper.undistortion is not None:
+        attributes["noise_undistortion"] = mapper.undistortion.where
     attributes["input_complete"] = int(report.complete)
     attributes["input_truncated_bytes"] = report.truncated_bytes
     attributes["input_damaged_parts"] = len(report.damaged)

@@ -16,6 +16,8 @@ from mapping.poses.settings import PoseSourceName, TiltSource
 
 GridKind = Literal["growing", "scrolling"]
 
+# Far beyond every sensible value; squares and nanoseconds of it can still be counted.
+_LARGEST = 1e9
 _POSITIVE = (
     "resolution_m",
     "window_m",
@@ -101,7 +103,7 @@ class MapSettings:
     sigma_ceiling_m: float = 1.0
     common_correlation_time_s: float = 0.3
     relief_share: float = 0.02
-    relief_frames: float = 5.0
+    relief_frames: float = 1.0
     mount_sigma_m: float = 0.0
     mount_sigma_rad: float = 0.0
     range_min_m: float = 0.4
@@ -124,11 +126,15 @@ class MapSettings:
     def __post_init__(self) -> None:
         """Refuse values that no map can be made with."""
         for name in _POSITIVE:
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise MappingError(f"{name} is {getattr(self, name)}; expected a number above 0")
+            if not 0.0 < getattr(self, name) <= _LARGEST:
+                raise MappingError(
+                    f"{name} is {getattr(self, name)}; expected a number above 0, to {_LARGEST:g}"
+                )
         for name in _NOT_NEGATIVE:
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise MappingError(f"{name} is {getattr(self, name)}; expected 0 or more")
+            if not 0.0 <= getattr(self, name) <= _LARGEST:
+                raise MappingError(
+                    f"{name} is {getattr(self, name)}; expected 0 or more, to {_LARGEST:g}"
+                )
         for low, high in _ORDERED:
             if getattr(self, low) >= getattr(self, high):
                 raise MappingError(

@@ -207,31 +207,3 @@ class DeviceClock:
         xs, ys = self._x, self._y
         heights = [y - ys[0] - slope * (x - xs[0]) for x, y in zip(xs, ys, strict=True)]
         self._slope, self._pivot = slope, heights.index(min(heights))
-
-
-def back_date(
-    last_ns: int, count: int, period_ns: int, not_before_ns: int | None = None
-) -> list[int]:
-    """Return the times of the samples of a batch that arrived together.
-
-    The last one is stamped, the others lie a period apart before it. Where that would reach
-    behind the batch before, they are spread evenly over the time since.
-
-    Args:
-        last_ns: time of the last sample.
-        count: samples in the batch.
-        period_ns: nominal time between two samples.
-        not_before_ns: time of the last sample of the batch before; None = there is none.
-
-    Raises:
-        StreamError: there is no room for `count` different times.
-    """
-    if not_before_ns is not None and last_ns - not_before_ns < count:
-        raise StreamError(
-            f"batch of {count} samples at {last_ns} ns, right behind one at {not_before_ns} ns; "
-            "expected rising times"
-        )
-    if not_before_ns is not None and last_ns - count * period_ns < not_before_ns:
-        room_ns = last_ns - not_before_ns
-        return [last_ns - room_ns * back // count for back in reversed(range(count))]
-    return [last_ns - back * period_ns for back in reversed(range(count))]

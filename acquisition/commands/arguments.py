@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from math import isfinite
+from pathlib import Path
 
 
 def numbers(count: int | None, form: str) -> Callable[[str], tuple[float, ...]]:
-    """Return a parser of comma-separated numbers; `form` describes them in the error.
+    """Return a parser of comma-separated finite numbers; `form` describes them in the error.
 
     `count`: how many there must be; None for any number.
     """
@@ -17,8 +19,33 @@ def numbers(count: int | None, form: str) -> Callable[[str], tuple[float, ...]]:
             values = tuple(float(part) for part in text.split(","))
         except ValueError:
             values = ()
-        if not values or len(values) != (count or len(values)):
+        if not values or len(values) != (count or len(values)) or not all(map(isfinite, values)):
             raise argparse.ArgumentTypeError(f"found {text!r}, expected {form}")
         return values
+
+    return parse
+
+
+def seconds(text: str) -> float:
+    """Parse a time that somebody may wait for: 0 s to 30 years."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= 1e9:  # NaN too
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected seconds, 0 or more")
+    return value
+
+
+def product(suffix: str) -> Callable[[str], Path]:
+    """Return a parser of the name of a file to be written, which must end in `suffix`.
+
+    A map that is called map.tif, or a recording called run.nc, is found out too late.
+    """
+
+    def parse(text: str) -> Path:
+        if Path(text).suffix != suffix:
+            raise argparse.ArgumentTypeError(f"found {text!r}, expected a name ending in {suffix}")
+        return Path(text)
 
     return parse

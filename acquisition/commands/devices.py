@@ -23,7 +23,7 @@ def add_devices_arguments(parser: argparse.ArgumentParser) -> None:
     check = actions.add_parser("check-profile", help="check a vibration sensor's profile file")
     check.add_argument("profile", help="a TOML file, or the name of a shipped profile")
     probe = actions.add_parser("probe", help="try all shipped vibration profiles on a serial port")
-    probe.add_argument("port")
+    probe.add_argument("port", help="such as /dev/ttyUSB0")
     actions.add_parser("udev-rules", help="print the path of the udev rules to install")
 
 
@@ -57,7 +57,8 @@ def _list(console: Console, *, as_json: bool) -> int:
 def _describe(finding: Finding) -> list[str]:
     """Return a finding as one line, or two when something is to be done."""
     mark = "usable" if finding.usable else "NOT usable"
-    lines = [f"{finding.kind:<7} {finding.where}: {finding.what}; {mark}"]
+    what = "; ".join(part for part in (finding.what, mark) if part)
+    lines = [f"{finding.kind:<7} {finding.where}: {what}"]
     if finding.problem:
         lines.append(f"        {finding.problem}: {finding.advice}")
     return lines

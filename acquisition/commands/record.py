@@ -13,7 +13,15 @@ from pathlib import Path
 from threading import Event, Timer
 from typing import TYPE_CHECKING
 
-from acquisition.commands.console import CHECK_FAILED, OK, Board, Console, show
+from acquisition.commands.arguments import product, seconds
+from acquisition.commands.console import (
+    CHECK_FAILED,
+    OK,
+    Board,
+    Console,
+    prepare_depth_code,
+    show,
+)
 
 if TYPE_CHECKING:
     from acquisition.config.rover_file import LoadedConfig
@@ -27,9 +35,15 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe record`."""
     add = parser.add_argument
     add("--config", type=Path, default=Path("rover.toml"), metavar="FILE", help="(rover.toml)")
-    add("-o", "--output", type=Path, metavar="FILE.mcap", help="instead of a name with the time")
+    add(
+        "-o",
+        "--output",
+        type=product(".mcap"),
+        metavar="FILE.mcap",
+        help="instead of a name with the time",
+    )
     add("--require", action="store_true", help="refuse to start unless every device answers")
-    add("--seconds", type=float, metavar="S", help="stop by itself after so long")
+    add("--seconds", type=seconds, metavar="S", help="stop by itself after so long")
     add("--preflight", action="store_true", help="open every device, report, and stop")
     add("--json", action="store_true", help="print the result as JSON")
 
@@ -59,6 +73,7 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
     from acquisition.clocks.host_clock import HostClock
     from acquisition.config.use import output_of, plan_of, recording_path, sources_of
     from acquisition.health.snapshot import as_json
+    from acquisition.health.views import totals_of
     from acquisition.recording.recorder import Recorder
     from acquisition.recording.service import ServiceNotifier
 
@@ -68,6 +83,8 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
     sources = sources_of(loaded)
     plan = plan_of(loaded, sources)
     plan = replace(plan, require_all=plan.require_all or options.require)
+    if plan.depth_format == "rvl":
+        prepare_depth_code(console)
     recorder = Recorder(sources, output, plan, clock)
     notifier = ServiceNotifier.from_environment()
     with _stop_event(options.seconds, output) as stop, console.board() as board:
@@ -79,8 +96,8 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
         result = recorder.run(stop, beat)
     notifier.stopping(result.message)
     failed = result.outcome == "output_failed" or bool(result.hanging)
+    files = [str(file) for file in result.files]
     if options.json:
-        files = [str(file) for file in result.files]
         console.json(
             {
                 "outcome": result.outcome,
@@ -92,7 +109,9 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
             }
         )
     else:
-        console.lines([result.message, *(str(file) for file in result.files)])
+        console.lines([result.message, *files, *totals_of(result.health)])
+    if result.unwritten:
+        console.note(f"warning: {result.unwritten} samples were read but could not be written")
     if result.hanging:
         console.note(f"warning: these devices did not stop: {', '.join(result.hanging)}")
     return CHECK_FAILED if failed else OK
@@ -111,7 +130,7 @@ def _stop_event(seconds: float | None, output: RecordingOutput) -> Iterator[Even
     trigger: Callable[[], object] = getattr(output, "trigger", lambda: None)
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in _STOP_SIGNALS}
     before[signal.SIGUSR1] = signal.signal(signal.SIGUSR1, lambda *_: trigger())
-    timer = Timer(seconds, stop.set) if seconds else None
+    timer = None if seconds is None else Timer(seconds, stop.set)
     if timer:
         timer.start()
     try:
@@ -133,7 +152,9 @@ def add_config_arguments(parser: argparse.ArgumentParser) -> None:
         ("show", "print every setting, defaults included, as JSON"),
     ):
         action = actions.add_parser(name, help=text)
-        action.add_argument("file", type=Path, nargs="?", default=Path("rover.toml"))
+        action.add_argument(
+            "file", type=Path, nargs="?", default=Path("rover.toml"), help="(rover.toml)"
+        )
     actions.add_parser("unit", help="print the systemd unit file of the recorder")
 
 
@@ -164,9 +185,9 @@ def run_config(options: argparse.Namespace, console: Console) -> int:
 
 def add_recover_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe recover`."""
-    parser.add_argument("recording", type=Path)
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.mcap")
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("recording", type=Path, help="damaged, or cut short")
+    parser.add_argument("-o", "--output", type=product(".mcap"), required=True, metavar="FILE.mcap")
+    parser.add_argument("--json", action="store_true", help="print what was lost as JSON")
 
 
 def run_recover(options: argparse.Namespace, console: Console) -> int:
@@ -186,14 +207,14 @@ def run_recover(options: argparse.Namespace, console: Console) -> int:
 def add_cut_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe cut`."""
     add = parser.add_argument
-    add("recording", type=Path)
-    add("-o", "--output", type=Path, required=True, metavar="FILE.mcap")
-    add("--start-s", type=float, metavar="S", help="seconds after the first message")
-    add("--end-s", type=float, metavar="S", help="seconds after the first message")
+    add("recording", type=Path, help="stays as it is")
+    add("-o", "--output", type=product(".mcap"), required=True, metavar="FILE.mcap")
+    add("--start-s", type=seconds, metavar="S", help="seconds after the first message")
+    add("--end-s", type=seconds, metavar="S", help="seconds after the first message")
     add("--start-ns", type=int, metavar="NS", help="log time instead")
     add("--end-ns", type=int, metavar="NS", help="log time instead")
     add("--topics", type=lambda text: text.split(","), metavar="TOPIC,...", help="only these")
-    add("--json", action="store_true")
+    add("--json", action="store_true", help="print what was copied as JSON")
 
 
 def run_cut(options: argparse.Namespace, console: Console) -> int:
@@ -217,9 +238,9 @@ def run_cut(options: argparse.Namespace, console: Console) -> int:
 
 def add_merge_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe merge`."""
-    parser.add_argument("recordings", type=Path, nargs="+")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.mcap")
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("recordings", type=Path, nargs="+", help="in any order")
+    parser.add_argument("-o", "--output", type=product(".mcap"), required=True, metavar="FILE.mcap")
+    parser.add_argument("--json", action="store_true", help="print what was copied as JSON")
 
 
 def run_merge(options: argparse.Namespace, console: Console) -> int:

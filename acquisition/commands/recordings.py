@@ -9,7 +9,7 @@ import argparse
 from math import radians
 from pathlib import Path
 
-from acquisition.commands.arguments import numbers
+from acquisition.commands.arguments import numbers, product
 from acquisition.commands.console import CHECK_FAILED, OK, Console
 
 
@@ -17,7 +17,9 @@ def add_import_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe import tum|png`."""
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
     tum = kinds.add_parser("tum", help="a folder in the TUM RGB-D layout")
-    tum.add_argument("--depth-scale", type=float, default=5000.0, metavar="COUNTS_PER_M")
+    tum.add_argument(
+        "--depth-scale", type=float, default=5000.0, metavar="COUNTS_PER_M", help="(5000)"
+    )
     tum.add_argument("--no-poses", action="store_true", help="do not read groundtruth.txt")
     png = kinds.add_parser("png", help="a folder of 16-bit PNG images in millimetres")
     png.add_argument("--poses", type=Path, metavar="FILE", help="trajectory in TUM format")
@@ -28,8 +30,8 @@ def add_import_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_common_import_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("folder", type=Path)
-    add("-o", "--output", type=Path, required=True, metavar="FILE.mcap")
+    add("folder", type=Path, help="where the images are")
+    add("-o", "--output", type=product(".mcap"), required=True, metavar="FILE.mcap")
     add(
         "--intrinsics",
         type=numbers(4, "fx,fy,cx,cy in pixels"),
@@ -112,8 +114,8 @@ def _radians(degrees: float | None) -> float | None:
 
 def add_check_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe check`."""
-    parser.add_argument("file", type=Path)
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("file", type=Path, help="a recording")
+    parser.add_argument("--json", action="store_true", help="print the findings as JSON")
 
 
 def run_check(options: argparse.Namespace, console: Console) -> int:

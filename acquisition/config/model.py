@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -118,6 +119,8 @@ class AlignmentSection(_Strict):
     form: Literal["6-dof", "z-roll-pitch"] = "6-dof"
     floor_m: _Positive = 0.001
     floor_rad: _Positive = math.radians(0.1)
+    prior_sigma_m: _Positive = 0.01
+    prior_sigma_rad: _Positive = math.radians(1.0)
     full_points: _Count = 700
     observable_m: _Positive = 0.006
     lever_m: _Positive = 1.5
@@ -169,7 +172,7 @@ class MapSection(_Strict):
     sigma_ceiling_m: _Positive = 1.0
     common_correlation_time_s: _NotNegative = 0.3
     relief_share: _NotNegative = 0.02
-    relief_frames: _NotNegative = 5.0
+    relief_frames: _NotNegative = 1.0
     range_min_m: _Positive = 0.4
     range_max_m: _Positive = 4.0
     confirmed_frames: _Count = 2
@@ -227,3 +230,17 @@ class RoverConfig(_Strict):
             if topic not in topics:
                 raise ValueError(f"no topic {topic!r}; expected one of {', '.join(topics)}")
         return rates_hz
+
+
+# What each table of the file may hold, by its name without numbers and frames.
+TABLES: Mapping[str, type[BaseModel]] = {
+    "": RoverConfig,
+    "recording": RecordingSection,
+    "devices.clock": DeviceClockSection,
+    "mounts": Mount,
+    "map": MapSection,
+    "map.alignment": AlignmentSection,
+    "map.gravity": GravitySection,
+    "map.aligned_errors": AlignedErrorsSection,
+    "calibration": CalibrationSection,
+}

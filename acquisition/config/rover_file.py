@@ -12,7 +12,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from acquisition.config.model import RoverConfig
+from acquisition.config.model import TABLES, RoverConfig
+from acquisition.config.suggestion import suggestion
 from acquisition.errors import ConfigError
 from drivers.toml_lines import line_of, line_of_syntax_error, lines_of_keys
 
@@ -46,11 +47,22 @@ def load(path: Path) -> LoadedConfig:
         ConfigError: unreadable, no TOML, or a key or value that is not expected; with file and
             line of the first problem, and the number of the others.
     """
+    return parse(read(path), path)
+
+
+def read(path: Path) -> str:
+    """Return the file's text.
+
+    Raises:
+        ConfigError: it is not there, or no text.
+    """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        hint = "; `terravibe config init` makes one" if isinstance(error, FileNotFoundError) else ""
+        raise ConfigError(f"cannot read {path}: {error.strerror}{hint}") from error
+    except UnicodeDecodeError as error:
         raise ConfigError(f"cannot read {path}: {error}") from error
-    return parse(text, path)
 
 
 def parse(text: str, path: Path) -> LoadedConfig:
@@ -79,12 +91,21 @@ def _problems(error: ValidationError, path: Path, text: str) -> list[str]:
 
 def _reason(problem: Mapping[str, Any]) -> str:
     if problem["type"] == "extra_forbidden":
-        return "unknown key"
+        return "; ".join(part for part in ("unknown key", _hint(problem["loc"])) if part)
     if problem["type"] == "missing":
         return "is missing"
     if problem["type"] == "value_error":  # raised by the model; it says what was found
         return str(problem["ctx"]["error"])
     return f"{problem['msg']}, found {problem['input']!r}"
+
+
+def _hint(key: tuple[str | int, ...]) -> str:
+    """Return what an unknown key may have been meant for: one of its own table, or of another."""
+    own = ".".join(part for part in key[:-1] if isinstance(part, str))
+    table = TABLES["mounts" if own.startswith("mounts.") else own]
+    name = str(key[-1])
+    places = [f"{other}.{name}" for other in TABLES if name in TABLES[other].model_fields]
+    return suggestion(name, table.model_fields) or suggestion(name, places, likeness=0.0)
 
 
 def _dotted(key: tuple[str | int, ...]) -> str:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 from acquisition.clocks.clock_follower import ClockTuning
+from acquisition.config.device_settings import problems_of, with_paths_from
 from acquisition.config.model import (
     REPLAY_KIND,
     DeviceClockSection,
@@ -17,10 +19,11 @@ from acquisition.config.model import (
     Mount,
     RoverConfig,
 )
-from acquisition.config.rover_file import LoadedConfig, load
+from acquisition.config.rover_file import LoadedConfig, parse, read
+from acquisition.config.suggestion import suggestion
 from acquisition.errors import ConfigError
 from acquisition.messages import codec
-from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, StaticTransform
+from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, MOUNTED_FRAMES, StaticTransform
 from acquisition.messages.ros_fields import unit_quaternion
 from acquisition.recording.disk_output import DiskOutput
 from acquisition.recording.folder_store import MB, DiskSettings
@@ -33,7 +36,7 @@ from acquisition.stream.open_part import PartLimits
 from acquisition.stream.provenance import DEVICE_CLOCKS
 from drivers.errors import TerravibeError
 from drivers.samples import Float64Array, Sample, frozen_array
-from drivers.source import Source, make_source
+from drivers.source import Source, source_class
 
 _NS_PER_S = 1_000_000_000
 
@@ -45,20 +48,24 @@ def sources_of(loaded: LoadedConfig) -> list[Source]:
         ConfigError: there are no devices, or the settings of one do not fit its driver.
         DriverError: the driver refuses their values.
     """
-    if not loaded.config.devices:
-        raise ConfigError(f"{loaded.path}: no devices; add a [[devices]] block")
+    _require_devices(loaded)
     return [_source(loaded, i, entry) for i, entry in enumerate(loaded.config.devices)]
 
 
+def _require_devices(loaded: LoadedConfig) -> None:
+    if not loaded.config.devices:
+        raise ConfigError(f"{loaded.path}: no devices; add a [[devices]] block")
+
+
 def _source(loaded: LoadedConfig, number: int, entry: DeviceEntry) -> Source:
-    try:
-        if entry.kind == REPLAY_KIND:
-            replay: Callable[..., Source] = Replay
-            return replay(**entry.settings())
-        return make_source(entry.kind, **entry.settings())
-    except TypeError as error:
-        where = loaded.where("devices", number)
-        raise ConfigError(f"{where}: settings of kind {entry.kind!r}: {error}") from error
+    factory: Callable[..., Source] = (
+        Replay if entry.kind == REPLAY_KIND else source_class(entry.kind)
+    )
+    given = entry.settings()
+    problem = next(problems_of(factory, given), None)
+    if problem is not None:
+        raise ConfigError(f"{loaded.where('devices', number)}: kind {entry.kind!r}: {problem}")
+    return factory(**with_paths_from(factory, given, loaded.path.parent))
 
 
 def static_transforms_of(config: RoverConfig) -> list[StaticTransform]:
@@ -189,20 +196,38 @@ def output_of(loaded: LoadedConfig, path: Path) -> RecordingOutput:
 
 
 def check(path: Path) -> list[str]:
-    """Return everything that is wrong with a configuration, one line each; touches no device."""
+    """Return everything that is wrong with a configuration, one line each; touches no device.
+
+    Raises:
+        ConfigError: the file cannot be read.
+    """
+    text = read(path)
     try:
-        loaded = load(path)
+        loaded = parse(text, path)
     except ConfigError as error:
         return [str(error)]
     found: list[str] = []
-    for step in (sources_of, resolved):
+    steps: list[Callable[[], object]] = [partial(_require_devices, loaded)]
+    steps += [partial(_source, loaded, i, e) for i, e in enumerate(loaded.config.devices)]
+    steps.append(partial(resolved, loaded))
+    for step in steps:
         try:
-            step(loaded)
+            step()
         except TerravibeError as error:
             found.append(str(error))
+    found += _mounts_of_nothing(loaded)
     section = loaded.config.recording
     for folder in (section.folder, *section.fallback_folders):
         if not loaded.resolve(folder).is_dir():
             where = loaded.where("recording")
             found.append(f"{where}: there is no folder {loaded.resolve(folder)}; create it")
     return found
+
+
+def _mounts_of_nothing(loaded: LoadedConfig) -> Iterator[str]:
+    """Give a line for each mount that neither a sensor nor another mount refers to."""
+    mounts = loaded.config.mounts
+    known = {*MOUNTED_FRAMES, *(mount.parent for mount in mounts.values())}
+    for frame in (frame for frame in mounts if frame not in known):
+        hint = suggestion(frame, MOUNTED_FRAMES) or f"expected one of {', '.join(MOUNTED_FRAMES)}"
+        yield f"{loaded.where('mounts', frame)}: no sensor has this frame; {hint}"

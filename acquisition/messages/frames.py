@@ -23,6 +23,16 @@ GYRO_FRAME = "gyro"
 # The middle between the wheels: x forward, z up.
 WHEELS_FRAME = "wheels"
 
+# What may be mounted somewhere.
+MOUNTED_FRAMES = (
+    DEPTH_OPTICAL_FRAME,
+    MOCAP_BODY_FRAME,
+    ACCELEROMETER_FRAME,
+    VIBRATION_FRAME,
+    GYRO_FRAME,
+    WHEELS_FRAME,
+)
+
 
 @dataclass(frozen=True, slots=True)
 class StaticTransform:

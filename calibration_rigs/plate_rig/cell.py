@@ -155,7 +155,7 @@ def analyse(frames: CellFrames, cell: CellEntry, rig: Rig) -> CellOutcome:
         sheppard_sigma_m=sheppard(spread.plain, 1.0) * spread.step_m,
         error_m=error_m,
         error_sigma_m=float(np.hypot(error_sigma_m, offset_m)),
-        fill_rate=_fill_rate(frames, plate),
+        fill_rate=float(seen[plate.inside].mean()),
         z_accuracy=None if error_m is None else error_m / (found.middle_m[2] - error_m),
         subpixel_rms_px=spread.plain * rig.disparity_step_px,
         temporal=temporal_spread(frames.depth_mm, plate.eroded),
@@ -218,12 +218,6 @@ def _residual_px(plate: Segment, disparity_px_m: float) -> NDArray[np.float32]:
     return residual
 
 
-def _fill_rate(frames: CellFrames, plate: Segment) -> float:
-    """Return the share of readings on the plate, holes inside it counted as plate."""
-    readings = sum(np.count_nonzero(frame[plate.inside]) for frame in frames.depth_mm)
-    return readings / (len(frames.depth_mm) * int(np.count_nonzero(plate.inside)))
-
-
 def _correlation(frames: CellFrames, plate: Segment, disparity_px_m: float) -> float:
     """Return the correlation area in pixels of the image."""
     some = frames.depth_mm[:: max(1, len(frames.depth_mm) // _CORRELATION_FRAMES)]
@@ -231,8 +225,8 @@ def _correlation(frames: CellFrames, plate: Segment, disparity_px_m: float) -> f
     columns = np.flatnonzero(plate.eroded.any(axis=0))
     box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     v, u = np.mgrid[box].astype(np.float64)
-    inverse = plate.plane.inverse_z(u, v)
-    z_m = 1e-3 * some[(slice(None), *box)]
+    inverse = plate.plane.inverse_z(u, v).astype(np.float32)
+    z_m = np.float32(1e-3) * some[(slice(None), *box)]
     there = (z_m > 0.0) & plate.eroded[box]
     residual = np.where(there, disparity_px_m * (1.0 / np.where(there, z_m, 1.0) - inverse), np.nan)
     return correlation_area_px(residual)

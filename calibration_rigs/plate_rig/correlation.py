@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 
 Float64Array = NDArray[np.float64]
+FloatArray = NDArray[np.float32] | Float64Array
 
 # Noise of depth cameras is alike over less than this.
 _REACH_PX = 12
 
 
-def correlation_area_px(residual: Float64Array) -> float:
+def correlation_area_px(residual: FloatArray) -> float:
     """Return 1 + the sum of the autocorrelation over all lags up to 12 px; at least 1.
 
     n neighbouring pixels are worth n / area independent ones.
@@ -26,10 +27,13 @@ def correlation_area_px(residual: Float64Array) -> float:
     flat = np.where(there, residual - np.nanmean(residual), 0.0)
     shape = [next_fast_len(n + _REACH_PX, real=True) for n in residual.shape[1:]]
     products = _correlate(flat, shape)
-    pairs = _correlate(there.astype(np.float64), shape)
+    pairs = _correlate(there.astype(flat.dtype), shape)
     with np.errstate(invalid="ignore", divide="ignore"):
         covariance = np.where(pairs > 50.0, products / pairs, 0.0)
-    rho = covariance / covariance[_REACH_PX, _REACH_PX]
+    variance = covariance[_REACH_PX, _REACH_PX]
+    if not variance > 0.0:  # every pixel on the plane to the last bit: nothing tells who shares
+        return 1.0
+    rho = covariance / variance
     v, u = np.ogrid[-_REACH_PX : _REACH_PX + 1, -_REACH_PX : _REACH_PX + 1]
     ring = np.rint(np.hypot(u, v)).astype(int)
     means = np.bincount(ring.ravel(), rho.ravel()) / np.bincount(ring.ravel())
@@ -39,7 +43,7 @@ def correlation_area_px(residual: Float64Array) -> float:
     return max(1.0, float(rho[ring < reach].sum()))
 
 
-def _correlate(layers: Float64Array, shape: list[int]) -> Float64Array:
+def _correlate(layers: FloatArray, shape: list[int]) -> Float64Array:
     """Return (2 reach + 1, 2 reach + 1): the autocorrelation at small lags, summed over layers."""
     spectrum = np.abs(rfft2(layers, shape, axes=(1, 2))) ** 2
     whole = irfft2(spectrum.sum(axis=0), shape)

@@ -94,12 +94,15 @@ def paper_numbers(
     box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     mask = eroded[box]
     v, u = np.mgrid[box].astype(np.float64)
-    expected_mm = 1e3 / plane.inverse_z(u, v)
+    expected_mm = np.where(mask, 1e3 / plane.inverse_z(u, v), 0.0)
+    whole, whole_mm = mask.sum(axis=0), expected_mm.sum(axis=0)
     sums, counts = [], []
-    for frame in depth_mm[(slice(None), *box)]:
-        there = mask & (frame > 0)
-        sums.append(np.where(there, frame - expected_mm, 0.0).sum(axis=0))
-        counts.append(there.sum(axis=0))
+    for frame in depth_mm[(slice(None), *box)] * mask:
+        count = np.count_nonzero(frame, axis=0)
+        is_whole = np.array_equal(count, whole)
+        expected = whole_mm if is_whole else np.where(frame, expected_mm, 0.0).sum(axis=0)
+        sums.append(frame.sum(axis=0, dtype=np.uint32) - expected)
+        counts.append(count)
     count = np.array(counts)
     enough = count >= 0.5 * max(int(count.max()), 1)
     deviation_mm = np.array(sums)[enough] / count[enough]
@@ -133,7 +136,7 @@ def lateral_sigma_px(
     """
     height, width = depth_mm.shape[1:]
     v, u = np.mgrid[:height, :width].astype(np.float64)
-    inverse_mm = 1e-3 * plane.inverse_z(u, v)
+    inverse_mm = (1e-3 * plane.inverse_z(u, v)).astype(np.float32)
     variances: list[float] = []
     readings = 0
     for edge, mirrored in ((found.left, False), (found.right, True)):
@@ -141,7 +144,7 @@ def lateral_sigma_px(
             continue
         lines = slice(edge.first, edge.last + 1)
         for frame in depth_mm[:_EDGE_FRAMES, lines]:
-            on = np.abs(frame * inverse_mm[lines] - 1.0) < _ON_PLATE
+            on = np.abs(frame * inverse_mm[lines] - np.float32(1.0)) < _ON_PLATE
             variance, count = _edge_variance(on[:, ::-1] if mirrored else on, edge, width, mirrored)
             if count >= 20:
                 variances.append(variance)

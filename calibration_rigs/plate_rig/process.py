@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from math import inf
@@ -26,6 +28,8 @@ from mapping.calibration_file import DeviceIdentity
 Float64Array = NDArray[np.float64]
 
 _CELLS_AT_LEAST = 3
+# Read by the library once, when numpy is first imported.
+_BLAS_THREADS = "OPENBLAS_NUM_THREADS"
 _BAND_ANGLES_DEG = (0.0, 30.0, 60.0, 75.0)
 
 
@@ -172,7 +176,24 @@ def _outcomes(manifest: Manifest, workers: int) -> Iterator[CellOutcome | CellFa
     # A fresh interpreter each: a fork would copy the threads' locks.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        yield from pool.map(_one, jobs)
+        with _one_thread_each():
+            outcomes = pool.map(_one, jobs)
+        yield from outcomes
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Tell processes that start meanwhile to leave the other cores to each other.
+
+    The linear algebra's threads wait by spinning: a fifth of the processor time of all cells.
+    """
+    before = os.environ.get(_BLAS_THREADS)
+    os.environ[_BLAS_THREADS] = before or "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_BLAS_THREADS]
 
 
 def _one(job: tuple[Manifest, CellEntry]) -> CellOutcome | CellFailure:

@@ -18,23 +18,28 @@ Sheppard's correction s^2 - 1/12 is the same estimate when the phases are unifor
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import ndtr
 from scipy.stats import t
+
+from calibration_rigs.plate_rig.step_law import shares_and_slopes
 
 Float64Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Below this the steps hide the noise: it is bounded, not told.
 BELOW_STEPS = 0.3
-PHASES = 32
-# Share of readings that the model does not explain, such as flying pixels.
-_OUTLIERS = 1e-5
-_SMALLEST_STEPS = 0.02
+# Readings of one bin count as of one phase; with half as many sigma is 0.03 % too small.
+PHASES = 64
+_SMALLEST_STEPS = 0.008
+# What the law leaves out, the shape of rounding to millimetres and the curvature of 1/Z within a
+# step, moves sigma by up to 0.1 %; as a standard deviation (rectangular, GUM 4.3.7).
+_LAW_LOG = 1e-3 / np.sqrt(3.0)
 # Log of how far an interval may reach when the readings hardly tell.
 _WIDEST_LOG = 3.0
 
@@ -64,7 +69,8 @@ class QuantisedSpread:
     Attributes:
         sigma: spread of the readings without that of the steps, steps; an upper bound of
             BELOW_STEPS when `is_below`.
-        low, high: 95 % confidence interval, steps; 0 to BELOW_STEPS when `is_below`.
+        low, high: 95 % confidence interval, steps; low = 0 and high at least BELOW_STEPS when
+            `is_below`.
         is_below: the spread is less than BELOW_STEPS.
         offset, offset_sigma: of the true plane from the predicted one, steps.
         before, behind: s1 and s2, steps.
@@ -120,23 +126,27 @@ def count_readings(
 
 def fit_spread(table: ReadingTable) -> QuantisedSpread:
     """Return the spread of a table's readings and its uncertainty."""
-    total = table.counts.sum(axis=0)
-    smallest = max(_SMALLEST_STEPS, table.rounding_steps)
-    start, bounds = _start(table, total, smallest)
-    args = (total, table.phases, table.edges)
+    # A plate that faces the camera has few phases.
+    some = table.counts.any(axis=(0, 2))
+    seen = replace(table, counts=table.counts[:, some], phases=table.phases[some])
+    total = seen.counts.sum(axis=0)
+    smallest = max(_SMALLEST_STEPS, seen.rounding_steps)
+    start, bounds = _start(seen, total, smallest)
+    args = (total, seen.phases, seen.edges)
     starts = [
         np.array([start[0], start[1], behind])
         for behind in (np.log(max(smallest, 0.5 * np.exp(start[1]))), np.log(1.05 * smallest))
     ]
     best = minimize(
         _loss,
-        min(starts, key=lambda parameters: _loss(parameters, *args)),
+        min(starts, key=lambda parameters: _loss(parameters, *args)[0]),
         args=args,
+        jac=True,
         method="L-BFGS-B",
         bounds=bounds,
         options={"ftol": 1e-11, "gtol": 1e-7},
     )
-    return _described(table, total, np.asarray(best.x, np.float64), smallest)
+    return _described(seen, total, np.asarray(best.x, np.float64), smallest)
 
 
 def _start(
@@ -153,63 +163,47 @@ def _start(
     return (mean, float(np.log(spread))), [*bounds, (np.log(smallest), widest)]
 
 
-def expected_shares(
-    parameters: Float64Array, phases: Float64Array, edges: Float64Array
-) -> Float64Array:
-    """Return (PHASES, bins): the probability of each offset at each phase.
-
-    Args:
-        parameters: offset, log s1, log s2.
-        phases: (PHASES,) place of the plane between two steps, 0 to 1.
-        edges: (bins + 1,) of the offsets, steps.
-    """
-    offset, before, behind = parameters[0], np.exp(parameters[1]), np.exp(parameters[2])
-    phase = phases[:, np.newaxis]
-    reach = int(np.ceil(4.5 * before + abs(offset))) + 1
-    steps = np.arange(-reach, reach + 2.0)
-    share = np.diff(ndtr((np.append(steps, steps[-1] + 1.0) - 0.5 - phase - offset) / before))
-    smeared = ndtr((edges + phase[..., np.newaxis] - steps[:, np.newaxis]) / behind)
-    found = np.diff(np.einsum("jk,jke->je", share, smeared), axis=1)
-    shares: Float64Array = (1.0 - _OUTLIERS) * found + _OUTLIERS / (edges.size - 1)
-    return shares
-
-
 def _loss(
     parameters: Float64Array, total: IntArray, phases: Float64Array, edges: Float64Array
-) -> float:
-    """Return the negative log likelihood per reading."""
-    shares = expected_shares(parameters, phases, edges)
-    return -float(np.sum(total * np.log(shares))) / float(total.sum())
+) -> tuple[float, Float64Array]:
+    """Return the negative log likelihood per reading and its gradient."""
+    shares, slopes = shares_and_slopes(parameters, phases, edges)
+    readings = float(total.sum())
+    gradient: Float64Array = np.tensordot(slopes, total / shares, 2) / -readings
+    return -float(np.sum(total * np.log(shares))) / readings, gradient
 
 
 def _described(
     table: ReadingTable, total: IntArray, best: Float64Array, smallest: float
 ) -> QuantisedSpread:
     before, behind = float(np.exp(best[1])), float(np.exp(best[2]))
-    sigma = float(np.sqrt(before**2 + behind**2 - smallest**2))
-    covariance, naive = _covariances(table, total, best, smallest)
-    slope = np.array([0.0, before**2, behind**2]) / sigma**2  # of log sigma
-    # Few patches tell their own spread badly; independent readings are the best that can be.
-    variance = max(float(slope @ covariance @ slope), float(slope @ naive @ slope))
-    error = float(np.sqrt(variance))
-    factor = float(np.exp(min(t.ppf(0.975, len(table.counts) - 1) * error, _WIDEST_LOG)))
+    rounding = min(table.rounding_steps, behind)
+    sigma = float(np.sqrt(before**2 + behind**2 - rounding**2))
+    votes = _votes(table, best, smallest)
+    error = _uncertainty(votes, np.array([0.0, before**2, behind**2]) / sigma**2)  # of log sigma
+    reach = error.quantile * np.hypot(error.sigma, _LAW_LOG)
+    factor = float(np.exp(min(reach, _WIDEST_LOG)))
     is_below = sigma < BELOW_STEPS
     readings = int(total.sum())
     hidden = _phase_concentration(table, total) / np.sqrt(12.0) if is_below else 0.0
+    offset = _uncertainty(votes, np.array([1.0, 0.0, 0.0])).sigma
     return QuantisedSpread(
         sigma=BELOW_STEPS if is_below else sigma,
         low=0.0 if is_below else sigma / factor,
-        high=BELOW_STEPS if is_below else sigma * factor,
+        high=_bound(sigma * factor) if is_below else sigma * factor,
         is_below=is_below,
         offset=float(best[0]),
-        offset_sigma=float(
-            min(np.hypot(np.sqrt(max(float(covariance[0, 0]), 0.0)), hidden), 1.0 / np.sqrt(12.0))
-        ),
+        offset_sigma=float(min(np.hypot(offset, hidden), 1.0 / np.sqrt(12.0))),
         before=before,
         behind=behind,
         readings=readings,
-        effective=readings * float(slope @ naive @ slope) / max(variance, 1e-18),
+        effective=readings * min(error.alone_sigma**2 / max(error.sigma**2, 1e-18), 1.0),
     )
+
+
+def _bound(high: float) -> float:
+    """Return the upper end where sigma is only bounded: a little above it may look so too."""
+    return high if BELOW_STEPS < high < 1.1 * BELOW_STEPS else BELOW_STEPS
 
 
 def _phase_concentration(table: ReadingTable, total: IntArray) -> float:
@@ -218,32 +212,58 @@ def _phase_concentration(table: ReadingTable, total: IntArray) -> float:
     return float(np.abs(np.average(turns, weights=total.sum(axis=1))))
 
 
-def _covariances(
-    table: ReadingTable, total: IntArray, best: Float64Array, smallest: float
-) -> tuple[Float64Array, Float64Array]:
-    """Return the sandwich of the parameters and what it would be for independent readings."""
-    step = 1e-4
+class _Votes(NamedTuple):
+    """What each patch says of the parameters that are free.
+
+    free: their numbers. scores: (patches, free) derivatives of the patch's log likelihood.
+    information: (patches, free, free) their expected covariance if readings are independent.
+    """
+
+    free: list[int]
+    scores: Float64Array
+    information: Float64Array
+
+
+class _Uncertainty(NamedTuple):
+    """Standard deviation of a combination of parameters.
+
+    sigma: from how differently the patches vote. alone_sigma: if readings were independent.
+    quantile: half of the 95 % interval is so many sigma.
+    """
+
+    sigma: float
+    alone_sigma: float
+    quantile: float
+
+
+def _votes(table: ReadingTable, best: Float64Array, smallest: float) -> _Votes:
     free = [0, 1, 2] if best[2] > np.log(smallest) + 0.01 else [0, 1]
-    slopes = np.stack(
-        [
-            (
-                np.log(expected_shares(best + step * axis, table.phases, table.edges))
-                - np.log(expected_shares(best - step * axis, table.phases, table.edges))
-            )
-            / (2.0 * step)
-            for axis in np.eye(3)[free]
-        ]
+    shares, slopes = shares_and_slopes(best, table.phases, table.edges)
+    slopes = slopes[free] / shares
+    per_phase = np.einsum("pjy,qjy,jy->jpq", slopes, slopes, shares)
+    information = np.einsum("bj,jpq->bpq", table.counts.sum(axis=2), per_phase)
+    return _Votes(free, np.tensordot(table.counts, slopes, ([1, 2], [1, 2])), information)
+
+
+def _uncertainty(votes: _Votes, slope: Float64Array) -> _Uncertainty:
+    """Return the uncertainty of slope . parameters.
+
+    A patch with the share h of what is known pulls the fit towards itself, which makes its score
+    smaller by 1 - h; and if the shares differ, the sum of the squared scores has 1 / sum h^2 - 1
+    degrees of freedom (Bell and McCaffrey 2002). With alike patches both are the textbook's.
+    """
+    bread = np.linalg.pinv(votes.information.sum(axis=0), rcond=1e-12)
+    weight = bread @ slope[votes.free]
+    alone = np.einsum("p,bpq,q->b", weight, votes.information, weight)
+    variance = float(alone.sum())
+    if variance <= 0.0:  # no reading depends on it
+        return _Uncertainty(inf, 0.0, 1.0)
+    share = alone / variance
+    spread = (votes.scores @ weight) ** 2 / np.maximum(1.0 - share, 0.1)
+    degrees = max(1.0 / float(share @ share) - 1.0, 1.0)
+    return _Uncertainty(
+        float(np.sqrt(spread.sum())), float(np.sqrt(variance)), float(t.ppf(0.975, degrees))
     )
-    weight = total.sum(axis=1)[:, np.newaxis] * expected_shares(best, table.phases, table.edges)
-    information = np.einsum("pjy,qjy,jy->pq", slopes, slopes, weight)
-    bread = np.linalg.pinv(information, rcond=1e-12)
-    scores = np.einsum("pjy,bjy->bp", slopes, table.counts)
-    patches = len(scores)
-    meat = (scores - scores.mean(axis=0)).T @ (scores - scores.mean(axis=0))
-    sandwich, naive = np.zeros((2, 3, 3))
-    sandwich[np.ix_(free, free)] = bread @ meat @ bread * patches / max(patches - 1, 1)
-    naive[np.ix_(free, free)] = bread
-    return sandwich, naive
 
 
 def sheppard(spread: float, step: float) -> float:

@@ -8,6 +8,8 @@ from pathlib import Path
 from threading import Event
 from typing import Protocol
 
+from acquisition.config.rover_file import LoadedConfig, load
+from acquisition.config.use import plan_of, sources_of
 from acquisition.health.snapshot import HealthSnapshot
 from acquisition.recording.disk_output import DiskOutput
 from acquisition.recording.plan import RecordingPlan
@@ -59,13 +61,22 @@ class RoverCapture:
     """Records the depth cameras of a rover.toml, without its other devices."""
 
     def __init__(self, config: Path) -> None:
+        """Read the file, before anybody carries a plate; touch no device.
+
+        Raises:
+            TerravibeError: the file is unusable, or has no depth camera.
+        """
         self._config = config
+        sources_of(self._cameras())
 
     def record(self, path: Path, frames: int) -> None:
-        """See `Capture`."""
-        from acquisition.config.rover_file import load
-        from acquisition.config.use import plan_of, sources_of
+        """See `Capture`; what was mended in the file meanwhile counts."""
+        cameras = self._cameras()
+        plan = plan_of(cameras, sources_of(cameras))
+        SourceCapture(lambda: sources_of(cameras), plan).record(path, frames)
 
+    def _cameras(self) -> LoadedConfig:
+        """Return the configuration with its depth cameras alone."""
         loaded = load(self._config)
         devices = tuple(d for d in loaded.config.devices if d.kind in _DEPTH_KINDS)
         if not devices:
@@ -73,10 +84,7 @@ class RoverCapture:
                 f"{self._config} has no depth camera; expected a [[devices]] of kind "
                 f"{' or '.join(_DEPTH_KINDS)}"
             )
-        config = loaded.config.model_copy(update={"devices": devices})
-        some = replace(loaded, config=config)
-        plan = plan_of(some, sources_of(some))
-        SourceCapture(lambda: sources_of(some), plan).record(path, frames)
+        return replace(loaded, config=loaded.config.model_copy(update={"devices": devices}))
 
 
 def frames_of(snapshot: HealthSnapshot) -> int:

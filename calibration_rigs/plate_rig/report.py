@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import io
 from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from matplotlib.figure import Figure
 
 from acquisition.files import check_target
 from calibration_rigs.plate_rig import figures
@@ -22,10 +19,11 @@ from calibration_rigs.plate_rig.products import (
     noise_model,
     ros_yaml,
 )
+from calibration_rigs.plate_rig.sigma_models import SigmaFit
 from calibration_rigs.plate_rig.verdict import cell_warnings, verdict
 from mapping.files import write_whole
 from mapping.output.figures import png_bytes
-from mapping.output.netcdf import software
+from mapping.output.pages import picture, render
 
 CALIBRATION_NAME = "calibration.json"
 REPORT_NAME = "report.html"
@@ -100,7 +98,8 @@ def write_products(result: PlateResult, folder: Path, *, undistortion: bool) -> 
         result: the calibration.
         folder: must exist.
         undistortion: also write undistortion.npz: mean_px, what to subtract from each pixel's
-            disparity in pixels of the 640 px wide image (NaN = never seen), and cells.
+            disparity in pixels of the 640 px wide image (NaN = never seen), cells, and what
+            `mapping.undistortion` needs beside it.
 
     Raises:
         MappingError, StreamError: a file cannot be written; none of the later ones is then.
@@ -113,11 +112,14 @@ def write_products(result: PlateResult, folder: Path, *, undistortion: bool) -> 
         REPORT_NAME: report_html(result).encode(),
     }
     if undistortion:
-        packed = io.BytesIO()
+        packed, rig, camera = io.BytesIO(), result.manifest.rig, result.used[0].camera
         np.savez_compressed(
             packed,
             mean_px=result.distortion.mean_px.astype(np.float32),
             cells=result.distortion.cells,
+            disparity_px_m=rig.disparity_px_m(camera.fx_px, camera.width_px),
+            model=result.device.model,
+            serial=result.device.serial,
         )
         contents["undistortion.npz"] = packed.getvalue()
     for name, content in contents.items():
@@ -127,25 +129,21 @@ def write_products(result: PlateResult, folder: Path, *, undistortion: bool) -> 
 
 def report_html(result: PlateResult) -> str:
     """Return the report as one HTML page that needs no other file."""
-    environment = Environment(
-        loader=PackageLoader("calibration_rigs.plate_rig"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     device = f"{result.device.model} {result.device.serial}".strip() or "unknown device"
-    return environment.get_template("plate.html").render(
+    return render(
+        "calibration_rigs.plate_rig",
+        "plate.html",
         title=f"Depth noise of {device}",
         verdict=verdict(result),
         warnings=cell_warnings(result),
         pictures=[
-            (name, caption, _data_uri(draw(result))) for name, (draw, caption) in _PICTURES.items()
+            picture(name, caption, png_bytes(draw(result)))
+            for name, (draw, caption) in _PICTURES.items()
         ],
         laws=[
             (
                 law.name,
-                ", ".join(f"{value:.3g}" for value in law.parameters),
+                _parameters(law),
                 100.0 * float(np.expm1(law.misfit)),
                 100.0 * float(np.expm1(law.held_out)),
             )
@@ -155,12 +153,16 @@ def report_html(result: PlateResult) -> str:
         degrees=degrees,
         facts=_facts(result),
         sha256=result.sha256,
-        software=software(),
     )
 
 
-def _data_uri(figure: Figure) -> str:
-    return "data:image/png;base64," + base64.b64encode(png_bytes(figure)).decode("ascii")
+def _parameters(law: SigmaFit) -> str:
+    """Return a law's parameters, with their standard uncertainty where it was drawn."""
+    known = np.sqrt(np.diag(law.covariance))
+    return ", ".join(
+        f"{value:.3g} ± {sigma:.1g}" if sigma > 0.0 else f"{value:.3g}"
+        for value, sigma in zip(law.parameters, known, strict=True)
+    )
 
 
 def _facts(result: PlateResult) -> dict[str, str]:
@@ -174,6 +176,8 @@ def _facts(result: PlateResult) -> dict[str, str]:
         "light": _between(box.lux_min, box.lux_max, "lx"),
         "temperature": _between(box.temperature_min_c, box.temperature_max_c, "°C"),
         "plate": f"{rig.plate_width_m:g} m x {rig.plate_height_m:g} m",
+        "tape, one sigma": f"{1e3 * rig.tape_sigma_m:g} mm a reading, "
+        f"{1e3 * rig.tape_zero_sigma_m:g} mm shared by all",
         "focal length x baseline": f"{how.disparity_px_m:.2f} px m, {rig.disparity_step_px:g} px",
         "frames": f"{how.frames} in {how.cells} cells",
         "independent readings in a cell (median)": f"{how.effective_readings:.0f}",

@@ -15,10 +15,10 @@ from calibration_rigs.plate_rig.plane import DisparityPlane, pixels_of
 from calibration_rigs.plate_rig.quantised import (
     QuantisedSpread,
     count_readings,
-    expected_shares,
     fit_spread,
 )
 from calibration_rigs.plate_rig.segmentation import Segment
+from calibration_rigs.plate_rig.step_law import expected_shares
 from drivers.samples import CameraIntrinsics
 
 Float64Array = NDArray[np.float64]
@@ -28,9 +28,13 @@ IntArray = NDArray[np.int64]
 _DISTANCE_SHARE = 0.04
 _ANGLE_RAD = radians(2.0)
 _FACING_RAD = radians(12.0)
-_PIXELS_AT_MOST = 20_000
+_PIXELS_AT_MOST = 10_000
 _PATCH_PX = 12
 _PATCHES_A_SIDE = 6
+# Two pieces hardly tell their own spread: t has one degree of freedom.
+_PATCHES_AT_LEAST = 3
+# More tell no better where two steps lie.
+_COMB_READINGS = 200_000
 # Below this share of its length the mean of unit vectors says nothing about their direction.
 _COMB_VISIBLE = 0.1
 _SPACINGS_PX = (8, 4, 2, 1)
@@ -101,7 +105,7 @@ def measure_spread(
     comb = _comb_offset(readings)
     step_m = z_m**2 * step
     rounding = _ROUNDING_M * np.sqrt(2.0 / 12.0) / step_m  # to millimetres, and over them again
-    table = count_readings(predicted - comb, readings - comb, _patches(u, v), rounding)
+    table = count_readings(predicted - comb, readings - comb, patches_of(u, v), rounding)
     fit = fit_spread(table)
     parameters = np.array([fit.offset, np.log(fit.before), np.log(fit.behind)])
     shares = expected_shares(parameters, table.phases, table.edges)
@@ -164,14 +168,14 @@ def _comb_offset(readings: Float64Array) -> float:
     The product of focal length and baseline is never known well enough to tell the steps'
     places; the readings themselves do, unless they are smeared.
     """
-    there = readings[np.isfinite(readings)]
-    mean = np.mean(np.exp(2j * np.pi * there))
+    some = readings.ravel()[:: max(1, readings.size // _COMB_READINGS)]
+    mean = np.mean(np.exp(2j * np.pi * some[np.isfinite(some)]))
     return float(np.angle(mean) / (2.0 * np.pi)) if np.abs(mean) > _COMB_VISIBLE else 0.0
 
 
-def _patches(u: Float64Array, v: Float64Array) -> IntArray:
+def patches_of(u: Float64Array, v: Float64Array) -> IntArray:
     """Return the patch of each pixel: rows of equal size, cut into pieces of equal size."""
-    rows = int(np.clip(np.ptp(v) // _PATCH_PX, 1, 2 * _PATCHES_A_SIDE))
+    rows = int(np.clip(np.ptp(v) // _PATCH_PX, _PATCHES_AT_LEAST, 2 * _PATCHES_A_SIDE))
     columns = int(np.clip(np.ptp(u) // _PATCH_PX, 1, _PATCHES_A_SIDE))
     rows = min(rows, max(_PATCHES_A_SIDE, 36 // columns))
     row = np.argsort(np.argsort(v, kind="stable"), kind="stable") * rows // v.size

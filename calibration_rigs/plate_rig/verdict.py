@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from math import degrees
 
 import numpy as np
 
 from calibration_rigs.plate_rig.cell import CellResult
+from calibration_rigs.plate_rig.manifest import CellEntry
 from calibration_rigs.plate_rig.process import PlateResult, worst_held_out
 from calibration_rigs.plate_rig.products import measured
 
@@ -125,13 +127,19 @@ def _sunlight(used: list[CellResult]) -> list[str]:
 
 def cell_warnings(result: PlateResult) -> list[str]:
     """Return what is wrong with single cells, one line each; what many share is said once."""
+    places = Counter(cell.name for cell in result.manifest.cells)
     cells_of: dict[str, list[str]] = {}
     for failure in result.failures:
-        cells_of.setdefault(failure.reason, []).append(failure.cell.name)
+        cells_of.setdefault(failure.reason, []).append(_named(failure.cell, places))
     for cell in result.cells:
         for fault in cell.faults:
-            cells_of.setdefault(fault.text, []).append(cell.cell.name)
+            cells_of.setdefault(fault.text, []).append(_named(cell.cell, places))
     return [
         f"{', '.join(names) if len(names) <= _NAMED else f'{len(names)} cells'}: {text}"
         for text, names in cells_of.items()
     ]
+
+
+def _named(cell: CellEntry, places: Counter[str]) -> str:
+    """Return a cell's place, and its recording where several cells are of one place."""
+    return cell.name if places[cell.name] == 1 else f"{cell.name} ({cell.recording})"

@@ -22,7 +22,6 @@ _POINTS_PER_DECADE = 8
 # Deviations at neighbouring tau rest on the same samples: about three of eight points in a decade
 # count as independent. Chosen so that the 95 % interval of N covers at least 95 % of simulations.
 _POINTS_ALIKE = 3.0
-_SHORTEST_SAMPLES = 1000
 _FLICKER = 2.0 * math.log(2.0) / math.pi
 
 
@@ -91,8 +90,8 @@ def allan_curve(
     Raises:
         RigError: too few samples, or one that is not a number.
     """
-    _require_signal(values, rate_hz)
-    wished = _averages(len(values)) / rate_hz if tau_s is None else tau_s
+    require_signal(values, rate_hz)
+    wished = averaging_times_s(len(values), rate_hz) if tau_s is None else tau_s
     tau, deviation, _, _ = allantools.oadev(values, rate=rate_hz, data_type="freq", taus=wished)
     averages = np.rint(tau * rate_hz)
     return AllanCurve(
@@ -148,10 +147,11 @@ def _root(square: float, sigma_of_square: float) -> Coefficient:
     return Coefficient(value, min(sigma_of_square / (2.0 * value), math.sqrt(sigma_of_square)))
 
 
-def _averages(samples: int) -> Float64Array:
+def averaging_times_s(samples: int, rate_hz: float) -> Float64Array:
+    """Return averaging times, eight a decade, up to a fifth of the duration."""
     decades = math.log10(samples / 5.0)
     steps = np.logspace(0.0, decades, int(decades * _POINTS_PER_DECADE) + 1)
-    return np.unique(np.floor(steps + 1e-9))
+    return np.unique(np.floor(steps + 1e-9)) / rate_hz
 
 
 def _degrees_of_freedom(samples: int, averages: Float64Array) -> Float64Array:
@@ -166,7 +166,12 @@ def _degrees_of_freedom(samples: int, averages: Float64Array) -> Float64Array:
     return np.maximum(np.minimum(white, walk), 1.0)
 
 
-def _require_signal(values: Float64Array, rate_hz: float) -> None:
+def require_signal(values: Float64Array, rate_hz: float) -> None:
+    """Refuse what is no signal.
+
+    Raises:
+        RigError: not one dimension of three or more numbers, or a rate that is none.
+    """
     if values.ndim != 1 or len(values) < 3 or not np.isfinite(values).all():
         raise RigError(
             f"a signal of shape {values.shape} with {np.count_nonzero(~np.isfinite(values))} "
@@ -174,17 +179,3 @@ def _require_signal(values: Float64Array, rate_hz: float) -> None:
         )
     if not 0.0 < rate_hz < math.inf:
         raise RigError(f"rate_hz is {rate_hz}; expected a number above 0")
-
-
-def require_long_enough(curve: AllanCurve, rate_hz: float) -> None:
-    """Refuse a signal that says nothing of its slow noise.
-
-    Raises:
-        RigError: fewer than 1000 samples.
-    """
-    samples = round(curve.duration_s * rate_hz)
-    if samples < _SHORTEST_SAMPLES:
-        raise RigError(
-            f"{samples} samples at {rate_hz:g} Hz; expected at least {_SHORTEST_SAMPLES}, and two "
-            "to three hours for the bias instability"
-        )

@@ -14,6 +14,9 @@ from acquisition.commands.arguments import numbers
 from acquisition.commands.console import OK, Console, show
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from calibration_rigs.static_rig.deviations import AtRest
     from calibration_rigs.static_rig.session import StaticCalibration
 
 _STANDARD_GRAVITY_M_S2 = 9.80665
@@ -43,6 +46,12 @@ def add_static_arguments(parser: argparse.ArgumentParser) -> None:
     add("--serial", default="", metavar="NUMBER", help="of the device")
     add("-o", "--output", type=Path, required=True, metavar="FILE.json")
     add("--figure", type=Path, metavar="FILE.png", help="draw the Allan deviations")
+    add(
+        "--deviations",
+        type=Path,
+        metavar="FILE.csv",
+        help="write adev, oadev, mdev, hdev and tdev of every signal at rest",
+    )
     add("--json", action="store_true", help="print the calibration as JSON")
 
 
@@ -54,6 +63,8 @@ def run_static(options: argparse.Namespace, console: Console) -> int:
     from mapping.files import write_whole
 
     check_target(options.output)
+    if options.figure is not None:
+        check_target(options.figure)
     result = join(_parts(options, console))
     device = DeviceIdentity(model=options.model, serial=options.serial)
     result.file = result.file.model_copy(update={"device": device})
@@ -61,9 +72,21 @@ def run_static(options: argparse.Namespace, console: Console) -> int:
         from calibration_rigs.static_rig.figure import draw_curves
 
         draw_curves(result.curves, options.figure)
+    if options.deviations is not None:
+        _write_deviations(result.at_rest, options.deviations)
     write_whole(options.output, result.file.to_json().encode())
     show(console, result, as_json=options.json)
     return OK
+
+
+def _write_deviations(signals: Mapping[str, AtRest], path: Path) -> None:
+    from calibration_rigs.errors import RigError
+    from calibration_rigs.static_rig.deviations import deviations_csv
+    from mapping.files import write_whole
+
+    if not signals:
+        raise RigError("no signal to take deviations of; give a recording at rest (--rest)")
+    write_whole(path, deviations_csv(signals).encode())
 
 
 def _parts(options: argparse.Namespace, console: Console) -> list[StaticCalibration]:

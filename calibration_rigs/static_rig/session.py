@@ -18,6 +18,7 @@ from calibration_rigs.static_rig.describe import (
     describe_gyro,
     describe_vibration,
 )
+from calibration_rigs.static_rig.deviations import AtRest
 from calibration_rigs.static_rig.rest import quiet_spread, rest_stretches
 from calibration_rigs.static_rig.signals import Signal, Signals
 from mapping.inertial_calibration import (
@@ -45,11 +46,13 @@ class StaticCalibration:
     Attributes:
         file: the calibration.
         curves: Allan deviations by name of the signal.
+        at_rest: the signals that they are of.
         warnings: sentences.
     """
 
     file: InertialFile
     curves: dict[str, AllanCurve] = field(default_factory=dict)
+    at_rest: dict[str, AtRest] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
 
     def as_json(self) -> object:
@@ -147,7 +150,9 @@ def join(parts: Sequence[StaticCalibration]) -> StaticCalibration:
             }
         )
     curves = {name: curve for part in parts for name, curve in part.curves.items()}
-    return StaticCalibration(file, curves, [text for part in parts for text in part.warnings])
+    at_rest = {name: signal for part in parts for name, signal in part.at_rest.items()}
+    warnings = [text for part in parts for text in part.warnings]
+    return StaticCalibration(file, curves, at_rest, warnings)
 
 
 def _later(first: _Part | None, second: _Part | None) -> _Part | None:
@@ -231,6 +236,7 @@ def _noise(
     curve = allan_curve(values, whole.rate_hz)
     fit = fit_allan(curve)
     result.curves[name] = curve
+    result.at_rest[name] = AtRest(values, whole.rate_hz)
     if not fit.random_walk.is_significant:
         result.warnings.append(f"{name}: the random walk does not stand out of the noise")
     return NoiseParts(

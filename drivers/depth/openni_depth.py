@@ -24,25 +24,8 @@ from drivers.source import SourceInfo, TickCounter
 KINECT_FOV_RAD = (1.0210, 0.7959)
 
 _TICK_HZ = 1_000_000  # OpenNI's own unit, whatever the device counts
-KINECT_TICK_HZ = 60_000_000
-KINECT_TICK_WRAP = 2**32  # 71.6 s
 
 _ONI_MAGIC = b"NI10"
-
-
-def unwrap_ticks(ticks: int, previous: int, wrap: int = KINECT_TICK_WRAP) -> int:
-    """Return the first value at or after `previous` that a counter of that size shows as `ticks`.
-
-    Kinect V1 counts 60 MHz in 32 bits. Builds of FreenectDriver since 2016 do this themselves and
-    give microseconds; older ones pass the counter on as it is. A pause longer than one turn of
-    the counter cannot be seen.
-
-    Args:
-        ticks: what the counter shows.
-        previous: the unwrapped value before.
-        wrap: how many different values the counter has.
-    """
-    return previous + (ticks - previous) % wrap
 
 
 def intrinsics_from_fov(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
+from drivers.checks import check_positive
 from drivers.errors import DriverError
 from drivers.gyro.chips import GyroChip, Probe, Step
 from drivers.gyro.i2c import I2cLink
@@ -15,10 +16,9 @@ def possible_rate_hz(chip: GyroChip, wanted_hz: float) -> float:
     """Return the chip's rate, Hz, that is nearest to the wanted one.
 
     Raises:
-        DriverError: it is off by more than RATE_TOLERANCE.
+        DriverError: not a rate, or off by more than RATE_TOLERANCE.
     """
-    if not wanted_hz > 0.0:
-        raise DriverError(f"{chip.model}: rate_hz is {wanted_hz}, expected a positive rate")
+    check_positive(f"{chip.model}: rate_hz", wanted_hz)
     rate_hz = chip.output_rate_hz(wanted_hz)
     if abs(rate_hz - wanted_hz) > RATE_TOLERANCE * wanted_hz:
         raise DriverError(

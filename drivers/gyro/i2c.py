@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from fcntl import ioctl
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from drivers.errors import DriverError
 
@@ -27,6 +27,7 @@ _TRANSFER_LIMIT_10MS = 2
 _FUNC_I2C = 0x1  # I2C_FUNC_I2C: the adapter can do plain transfers, not only SMBus ones
 
 
+@runtime_checkable
 class I2cBus(Protocol):
     """What a driver needs of an I2C bus."""
 

@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from drivers.checks import check_positive
 from drivers.errors import DriverError
 from drivers.gyro.chip_setup import check_identity, describe, mismatches, possible_rate_hz, set_up
 from drivers.gyro.chips import CHIPS, decode
@@ -25,6 +26,8 @@ from drivers.samples import YawRateSample
 from drivers.source import SourceInfo
 
 STALL_BOUND_S = 1.0
+
+_ADDRESSES = range(0x08, 0x78)  # of 7 bits; I2C keeps the others for itself
 
 _RECOVER_FOR_S = 0.5  # leaves the rest of the bound to one set-up, which takes 0.22 s at most
 _RECOVER_EVERY_S = 0.02
@@ -63,7 +66,7 @@ class YawGyro:
         sleep: waits that many seconds.
 
     Raises:
-        DriverError: no such chip, or it cannot do the rate.
+        DriverError: no such chip, it cannot do the rate, or a number makes no sense.
     """
 
     def __init__(
@@ -80,6 +83,9 @@ class YawGyro:
     ) -> None:
         if chip not in CHIPS:
             raise DriverError(f"{name}: no gyro chip {chip!r}; expected one of {', '.join(CHIPS)}")
+        check_positive(f"{name}: temperature_period_s", temperature_period_s)
+        if address is not None and address not in _ADDRESSES:
+            raise DriverError(f"{name}: address is {address}; expected 0x08 to 0x77")
         self._chip = CHIPS[chip]
         self._name = name
         self._rate_hz = possible_rate_hz(self._chip, rate_hz)
@@ -88,7 +94,9 @@ class YawGyro:
         self._temperature_period_ns = round(temperature_period_s * 1e9)
         self._clock = clock
         self._sleep = sleep
-        self._link = I2cLink(bus, address or self._chip.address, clock=clock, sleep=sleep)
+        self._link = I2cLink(
+            bus, self._chip.address if address is None else address, clock=clock, sleep=sleep
+        )
         self.counters = GyroCounters()
         self._is_open = False
         self._sequence = 0

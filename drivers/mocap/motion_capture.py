@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.checks import check_not_negative, check_positive
 from drivers.errors import DriverError
 from drivers.samples import PoseSample, frozen_array
 from drivers.source import SourceInfo
@@ -43,6 +44,9 @@ class MotionCapture:
         open_timeout_s: how long `open` waits for the server and the first pose.
         stall_timeout_s: the longest time without a frame, and without the body.
         clock: CLOCK_MONOTONIC in nanoseconds.
+
+    Raises:
+        DriverError: a number makes no sense.
     """
 
     def __init__(
@@ -59,6 +63,10 @@ class MotionCapture:
         stall_timeout_s: float = 1.0,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
+        check_not_negative(f"{name}: position_sigma_m", position_sigma_m)
+        check_not_negative(f"{name}: rotation_sigma_rad", rotation_sigma_rad)
+        check_positive(f"{name}: open_timeout_s", open_timeout_s)
+        check_positive(f"{name}: stall_timeout_s", stall_timeout_s)
         self._body = body
         self._name = name
         self._system = system

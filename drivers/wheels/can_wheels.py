@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
+from drivers.checks import check_positive
 from drivers.errors import DriverError
 from drivers.samples import CanFrameSample, WheelTwistSample
 from drivers.source import SourceInfo
@@ -48,7 +49,7 @@ class Wheels:
         sleep: waits that many seconds.
 
     Raises:
-        DriverError: no such vehicle, or a layout that makes no sense.
+        DriverError: no such vehicle, or a layout or a number that makes no sense.
     """
 
     def __init__(
@@ -66,6 +67,9 @@ class Wheels:
         clock: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
+        check_positive(f"{name}: bitrate", bitrate)
+        check_positive(f"{name}: set_window_s", set_window_s)
+        check_positive(f"{name}: silence_timeout_s", silence_timeout_s)
         self._name = name
         self._where = f"{interface}:{channel}"
         self._vehicle = vehicle

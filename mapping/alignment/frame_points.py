@@ -16,7 +16,7 @@ from mapping.alignment.point_kernels import (
 )
 from mapping.cells.grid import CellWindow
 from mapping.measurement import SENSOR_WIDTH_PX, FrameReducer, View
-from mapping.noise import DepthNoiseModel
+from mapping.noise import DepthNoiseModel, independent_readings
 
 Float64Array = NDArray[np.float64]
 
@@ -90,4 +90,4 @@ def _axial_variance(
     z_m = points[:, POINT_DEPTH]
     single = noise.axial_sigma_m(z_m, np.zeros(1)) ** 2
     alike = max(noise.correlation_area_px / decimation**2, 1.0)
-    return single / np.maximum(points[:, POINT_PIXELS] / alike, 1.0)
+    return single / independent_readings(points[:, POINT_PIXELS], alike)

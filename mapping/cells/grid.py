@@ -15,6 +15,7 @@ import numpy as np
 
 from mapping.cells.cell_layers import BYTES_PER_CELL, CellLayers, copy_cells, empty_layers
 from mapping.errors import MappingError
+from mapping.motion.run_state import RunState, fresh_run
 from mapping.settings import MapSettings
 
 # A growing map is enlarged in steps of this many cells, so that it is seldom copied.
@@ -81,8 +82,17 @@ class Grid(Cells, Protocol):
     def position(self, window: CellWindow) -> tuple[int, int]:
         """Return (row, column) in the arrays of the window's first cell."""
 
-    def save(self) -> None:
-        """Bring all cells to disk, if the grid has a place there."""
+    @property
+    def run(self) -> RunState:
+        """The run that its cells are from, as far as the grid keeps it; else a fresh one."""
+
+    def keep(self, run: RunState, *, at_once: bool = False) -> None:
+        """Bring all cells to disk, if the grid has a place there and it is time.
+
+        Args:
+            run: the run that the cells are from, after the frame that they are as of.
+            at_once: whether it is time in any case.
+        """
 
 
 class GrowingGrid:
@@ -128,7 +138,12 @@ class GrowingGrid:
         """Return copies of the layers."""
         return CellLayers._make(layer.copy() for layer in self._layers)
 
-    def save(self) -> None:
+    @property
+    def run(self) -> RunState:
+        """A fresh one: the cells are gone with the run."""
+        return fresh_run()
+
+    def keep(self, run: RunState, *, at_once: bool = False) -> None:
         """Do nothing: this grid lives in memory."""
 
     def _enlarge(self, extent: CellWindow) -> None:
@@ -210,7 +225,12 @@ class ScrollingGrid:
         shift = (-row, -column)
         return CellLayers._make(np.roll(layer, shift, axis=(0, 1)) for layer in self._layers)
 
-    def save(self) -> None:
+    @property
+    def run(self) -> RunState:
+        """A fresh one: the cells are gone with the run."""
+        return fresh_run()
+
+    def keep(self, run: RunState, *, at_once: bool = False) -> None:
         """Do nothing: this grid lives in memory."""
 
     def _move(self, extent: CellWindow) -> None:

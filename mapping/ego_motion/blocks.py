@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from mapping.ego_motion.filter_kernels import Int64Array
+from mapping.ego_motion.filter_types import Int64Array
 from mapping.geometry import Float64Array
 
 

@@ -13,15 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from mapping.ego_motion.filter_kernels import (
-    LEFT_OUT,
-    SURPRISED,
-    FilterConstants,
-    Int64Array,
-    Rows,
-    States,
-    run,
-)
+from mapping.ego_motion.filter_kernels import LEFT_OUT, SURPRISED, run
+from mapping.ego_motion.filter_types import FilterConstants, Int64Array, Rows, States
 from mapping.ego_motion.history import History, copied, empty_states
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.ego_motion.states import (

@@ -21,12 +21,17 @@ kernel, not in what it calls.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from mapping.ego_motion.filter_types import (
+    FilterConstants,
+    Float64Array,
+    Int64Array,
+    Rows,
+    States,
+)
 from mapping.ego_motion.states import (
     ACCELERATION,
     FORCE_ERROR,
@@ -52,9 +57,6 @@ from mapping.ego_motion.states import (
     Z,
 )
 
-Float64Array = NDArray[np.float64]
-Int64Array = NDArray[np.int64]
-
 # Outcomes of a row.
 TAKEN, SURPRISED, LEFT_OUT = range(3)
 # The rover is taken to be at most so many times as fast as its wheels say.
@@ -63,57 +65,6 @@ _LEAST_FACTOR = 0.2
 _LOCKED = 0.3
 # A tilt whose variance falls below this share from tick to tick was lost and is found again.
 _FOUND_AGAIN = 0.1
-
-
-class FilterConstants(NamedTuple):
-    """The settings that the kernel needs; units as in `EgoMotionSettings`."""
-
-    tick_s: float
-    levelling_time_s: float
-    slip_time_s: float
-    slip_surprise: float
-    lateral_slip_ratio: float
-    vertical_walk_ratio: float
-    lateral_slip_time_s: float
-    acceleration_m_s2: float
-    acceleration_time_s: float
-    acceleration_walk: float
-    speed_sigma_m_s: float
-    turn_walk: float
-    turn_time_s: float
-    turn_sigma_rad_s: float
-    gyro_bias_walk: float
-    wheel_scale_walk: float
-    force_walk: float
-    zero_speed_m_s: float
-    zero_speed_alone_m_s: float
-    zero_rate_rad_s: float
-    gate_nis: float
-    pose_gate_nis: float
-
-
-class Rows(NamedTuple):
-    """Measurements in order of time.
-
-    t_ns (M,), kind (M,), values (M, COLUMNS); poses (K, 6) are x, y, z, roll, pitch, yaw in T,
-    pose_covariances (K, 6, 6) theirs.
-    """
-
-    t_ns: Int64Array
-    kind: Int64Array
-    values: Float64Array
-    poses: Float64Array
-    pose_covariances: Float64Array
-
-
-class States(NamedTuple):
-    """States at ticks: t_ns (N,), x (N, SIZE), p and phi (N, SIZE, SIZE), held (N, COLUMNS)."""
-
-    t_ns: Int64Array
-    x: Float64Array
-    p: Float64Array
-    phi: Float64Array
-    held: Float64Array
 
 
 @njit(cache=True)

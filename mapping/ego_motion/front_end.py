@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from mapping.ego_motion.blocks import Blocks, force_blocks
-from mapping.ego_motion.filter_kernels import Int64Array
+from mapping.ego_motion.filter_types import Int64Array
 from mapping.ego_motion.grip import slip_variance
 from mapping.ego_motion.ground import GroundWatch
 from mapping.ego_motion.levelling import Levelled, level, sway

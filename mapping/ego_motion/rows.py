@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapping.ego_motion.filter_kernels import Int64Array
+from mapping.ego_motion.filter_types import Int64Array
 from mapping.ego_motion.sample_queue import SampleQueue
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.ego_motion.standstill import BoolArray, Motionless

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mapping.ego_motion.blocks import Blocks
 from mapping.ego_motion.events import EgoEvent, EventKind
 from mapping.ego_motion.filter import Surprise
-from mapping.ego_motion.filter_kernels import Int64Array
+from mapping.ego_motion.filter_types import Int64Array
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.ego_motion.standstill import BoolArray, Motionless
 from mapping.ego_motion.states import WHEELS

@@ -49,13 +49,20 @@ def at_rest() -> Motions:
 class MotionLedger:
     """Adds up motions. Its rows are kept for the run: 64 bytes for every motion."""
 
-    def __init__(self, *, with_covariance: bool) -> None:
-        """Start at rest; `with_covariance` as in `PoseErrorModel.motion_covariance`."""
+    def __init__(self, *, with_covariance: bool, before: Motions | None = None) -> None:
+        """Start at rest, or with the motions of the runs before.
+
+        `with_covariance`: as in `PoseErrorModel.motion_covariance`.
+        """
         self._with_covariance = with_covariance
         self._sums = np.zeros((_FIRST_ROWS, 8))
         self._now = 0
         self._anchor: tuple[float, float] | None = None
         self.clipped = 0
+        if before is not None and before.now > 0:
+            self._sums = np.concatenate([before.sums[: before.now + 1], self._sums])
+            self._now = before.now
+            self._anchor = before.anchor_x_m, before.anchor_y_m
 
     @property
     def motions(self) -> Motions:
@@ -71,7 +78,7 @@ class MotionLedger:
         """
         _check(motion)
         x, y = float(motion.position_m[0]), float(motion.position_m[1])
-        anchor_x, anchor_y = self._anchor = self._anchor or (x, y)
+        anchor_x, anchor_y = self._anchor or (x, y)
         sums = np.zeros(8)
         sums[SUM_M] = motion.distance_m
         if self._with_covariance:
@@ -81,6 +88,7 @@ class MotionLedger:
             to_anchor[:2, 3] = y - anchor_y, anchor_x - x
             sums[:SUM_M] = (to_anchor @ covariance @ to_anchor.T)[_ENTRIES]
         if sums.any():
+            self._anchor = anchor_x, anchor_y
             self._append(self._sums[self._now] + sums)
 
     def _append(self, row: Float64Array) -> None:

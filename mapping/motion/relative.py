@@ -5,6 +5,7 @@ R~ is the body turned upright: x, y, z and yaw. C = C_TR~, e = e_z, dr = displac
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -73,6 +74,10 @@ def relative_covariance(
 def clip_to_psd(matrix: Float64Array) -> Clipped:
     """Return a symmetric matrix with its negative eigenvalues set to 0."""
     symmetric = 0.5 * (matrix + matrix.T)
+    with contextlib.suppress(np.linalg.LinAlgError):
+        # Only a positive definite matrix has a root; finding that takes half the time.
+        np.linalg.cholesky(symmetric)
+        return Clipped(symmetric, was_clipped=False)
     values, vectors = np.linalg.eigh(symmetric)
     if values[0] >= -_ROUNDING * abs(values[-1]):
         return Clipped(symmetric, was_clipped=False)

@@ -40,6 +40,7 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_export(options: argparse.Namespace, console: Console) -> int:
     """Convert a map to what other programs read."""
+    from acquisition.files import refuse_same_file
     from mapping.errors import MappingError
     from mapping.output.export import export
     from mapping.output.map_file import write_map
@@ -48,6 +49,8 @@ def run_export(options: argparse.Namespace, console: Console) -> int:
         raise MappingError(
             "nothing to do; give -o FILE (.tif, .ply, .png, .nc), --figures DIR, or both"
         )
+    if options.output:
+        refuse_same_file(options.map, options.output)
     map_ = _map_or_world(options)
     if options.output:
         write = write_map if options.output.suffix == ".nc" else export
@@ -63,10 +66,10 @@ def _map_or_world(options: argparse.Namespace) -> ElevationMap:
     """Return a map's file, or a rectangle of a world."""
     from mapping.errors import MappingError
     from mapping.output.map_file import read_map
-    from mapping.world.world_map import read_world
+    from mapping.world.world_map import is_world, read_world
 
-    if options.map.is_dir():
+    if is_world(options.map):
         return read_world(options.map, options.window_m)
-    if options.window_m is not None:
+    if options.window_m is not None and options.map.exists():
         raise MappingError("--window is for world maps; a map file is exported as it is")
     return read_map(options.map)

@@ -8,6 +8,8 @@ import numpy as np
 
 from mapping.cells.elevation_map import CellState, ElevationMap
 from mapping.session import MapResult
+from mapping.settings import MapSettings
+from mapping.stored_settings import flat
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +40,13 @@ class MapSummary:
         return asdict(self)
 
     def describe(self) -> list[str]:
-        """Return the summary as lines for people."""
+        """Return the summary as lines for people, without settings that have their defaults."""
+        usual = dict(flat("setting", asdict(MapSettings())))
+        told = {name: value for name, value in self.attributes.items() if usual.get(name) != value}
         return [
             *self.headline(),
-            *(f"  {key} = {value}" for key, value in self.attributes.items()),
+            *(f"  {key} = {value}" for key, value in told.items()),
+            f"  {len(self.attributes) - len(told)} settings have their defaults; --json shows them",
         ]
 
     def headline(self) -> list[str]:
@@ -138,10 +143,7 @@ def _warnings(result: MapResult) -> list[str]:
     if report.unprotected_messages:
         lines.append(f"{report.unprotected_messages} messages have no checksum")
     if counts.frames_without_pose:
-        lines.append(
-            f"{counts.frames_without_pose} depth frames have no pose within "
-            f"{result.settings.pose_gap_max_s} s around them and were not mapped"
-        )
+        lines.append(_without_pose(counts.frames_without_pose, result.settings))
     if counts.misfits:
         lines.append(
             f"{counts.misfits} depth frames fit the map nowhere near their pose; the first of each "
@@ -162,3 +164,16 @@ def _warnings(result: MapResult) -> list[str]:
     if counts.poses_out_of_order:
         lines.append(f"{counts.poses_out_of_order} poses came out of order and were not used")
     return lines
+
+
+def _without_pose(frames: int, settings: MapSettings) -> str:
+    """Say that frames have no pose, in the terms of the source that they should have one from."""
+    if settings.pose_source.startswith("mocap"):
+        return (
+            f"{frames} depth frames have no pose within {settings.pose_gap_max_s} s around them "
+            "and were not mapped"
+        )
+    return (
+        f"{frames} depth frames lie before the first sample of the motion sensors or behind the "
+        "last and were not mapped"
+    )

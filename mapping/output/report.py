@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mapping.cells.elevation_map import CellState, ElevationMap
 from mapping.errors import MappingError
 from mapping.files import read_whole, write_whole
 from mapping.judging.accuracy import Accuracy
 from mapping.judging.evaluation import CONFIRMED, Scores
-from mapping.output.netcdf import software
+from mapping.output.pages import Picture, picture, render
 
 # An honest sigma covers 68 % and 99.7 %. One error common to a whole run spreads the first from
 # run to run, and terrain is not exactly normal, hence these aims.
@@ -52,12 +49,6 @@ _UNITS = {
 }
 
 
-class _Picture(NamedTuple):
-    name: str
-    caption: str
-    data_uri: str
-
-
 def write_report(
     path: Path,
     title: str,
@@ -79,14 +70,9 @@ def write_report(
     Raises:
         MappingError: a figure cannot be read or is no PNG file, or the file cannot be written.
     """
-    environment = Environment(
-        loader=PackageLoader("mapping.output"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    page = environment.get_template("report.html").render(
+    page = render(
+        "mapping.output",
+        "report.html",
         title=title,
         verdict=verdict(map_, scores),
         pictures=[_picture(figure) for figure in figures],
@@ -94,7 +80,6 @@ def write_report(
         run=run,
         made=[_with_unit(name, value) for name, value in map_.attributes.items()],
         sha256=map_.sha256(),
-        software=software(),
     )
     write_whole(path, page.encode("utf-8"))
 
@@ -153,12 +138,11 @@ def _score_groups(scores: Scores) -> dict[str, dict[str, Accuracy]]:
     }
 
 
-def _picture(path: Path) -> _Picture:
+def _picture(path: Path) -> Picture:
     content = read_whole(path)
     if not content.startswith(_PNG):
         raise MappingError(f"{path} is not a PNG file; give figures made by write_figures")
-    data = base64.b64encode(content).decode("ascii")
-    return _Picture(path.stem, _CAPTIONS.get(path.stem, path.stem), f"data:image/png;base64,{data}")
+    return picture(path.stem, _CAPTIONS.get(path.stem, path.stem), content)
 
 
 def _with_unit(name: str, value: str | float) -> tuple[str, str]:

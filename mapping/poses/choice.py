@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mapping.geometry import UncertainPose
 from mapping.motion.pose_errors import ABSOLUTE, RELATIVE, PoseErrorModel
 from mapping.poses.estimated import EstimatedPoses
 from mapping.poses.recorded import RecordedPoses
@@ -21,8 +22,10 @@ def pose_errors_for(settings: MapSettings) -> PoseErrorModel:
     return ABSOLUTE if settings.pose_source == "mocap" else RELATIVE
 
 
-def pose_source_for(settings: MapSettings) -> PoseSource:
-    """Return a new source of poses."""
+def pose_source_for(settings: MapSettings, start: UncertainPose | None = None) -> PoseSource:
+    """Return a new source of poses; `start`: where the run before ended, for a source that asks."""
     if settings.pose_source.startswith("mocap"):
         return RecordedPoses(settings.pose_gap_max_s)
-    return EstimatedPoses(settings.ego_motion, settings.tilt_source, aligned=is_aligned(settings))
+    return EstimatedPoses(
+        settings.ego_motion, settings.tilt_source, aligned=is_aligned(settings), start=start
+    )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,22 +27,32 @@ from mapping.poses.source import PoseCounts
 
 Float64Array = NDArray[np.float64]
 
+# Between two runs the rover stands: it may roll, settle or be turned by this much, unseen.
+_RESTART_SIGMA_M, _RESTART_SIGMA_RAD = 0.02, math.radians(1.0)
+
 
 class EstimatedPoses:
-    """Poses of base_link; T has its origin and heading where the stream begins.
+    """Poses of base_link; T has its origin and heading where the first stream began.
 
     Args:
         settings: of ego-motion.
         tilt_source: what roll and pitch are known from; "level" needs no acceleration.
         aligned: whether the map will be heard: it can tell place and heading by itself.
+        start: where the run before ended, and the rover still stands; None = in T's origin.
     """
 
     body_frame = BASE_FRAME
+    hears_map = True
 
     def __init__(
-        self, settings: EgoMotionSettings, tilt_source: TiltSource, *, aligned: bool
+        self,
+        settings: EgoMotionSettings,
+        tilt_source: TiltSource,
+        *,
+        aligned: bool,
+        start: UncertainPose | None = None,
     ) -> None:
-        self._ego = EgoMotion(settings)
+        self._ego = EgoMotion(settings, _rested(start) if start else None)
         self._tilt_source = tilt_source
         self._aligned = aligned
         self._seen: set[type] = set()
@@ -144,6 +157,15 @@ class EstimatedPoses:
                 "the stream holds neither a gyro nor wheels: nothing tells the heading; map with "
                 "--pose-source ego-motion+alignment"
             )
+
+
+def _rested(pose: UncertainPose) -> UncertainPose:
+    """Return the pose as the beginning of a new run.
+
+    Only what may have happened since is uncertain: the map shares the errors up to there.
+    """
+    variances = [_RESTART_SIGMA_M**2] * 3 + [_RESTART_SIGMA_RAD**2] * 3
+    return replace(pose, covariance=np.diag(variances))
 
 
 def _is_acceleration(sample: VibrationSample) -> bool:

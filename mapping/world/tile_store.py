@@ -1,47 +1,50 @@
-"""Tiles of cells in a zarr array: each is one chunk, replaced as a whole or not at all.
+"""A world's folder: tiles, and the run that they are from, saved together or not at all.
 
-The array has one plane for every layer (`mapping.world.planes`) and a side of 2^36 cells; chunks
-that were never written take no space. Cell (ix, iy) of the terrain frame is at
-[:, iy + 2^35, ix + 2^35]. zarr writes a chunk under a temporary name and renames it, so a kill
-leaves the old tile or the new one; each carries a checksum, against disks that lose power.
+A save first writes its tiles into one of two arrays beside the world's own, in turns; then
+`run.json`, which makes them count (`mapping.world.run_file`); then it moves them home. A kill
+before the second step leaves the save before it whole; one after it leaves tiles on the way, which
+readers find there and the next writer brings home. What is there is always as after one frame.
 """
 
 from __future__ import annotations
 
-import fcntl
-import importlib
 import json
-import os
+import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
-from types import ModuleType, TracebackType
-from typing import IO, TYPE_CHECKING, Any, Self
+from types import TracebackType
+from typing import IO, Any, Self
 
-import numpy as np
-
+from acquisition.errors import StreamError
+from acquisition.files import check_target
 from mapping.cells.cell_layers import CellLayers
 from mapping.errors import MappingError
-from mapping.world.planes import from_planes, plane_names, to_planes
-from mapping.world.tiles import TILE_CELLS, Tile
+from mapping.motion.run_state import RunState, fresh_run
+from mapping.world.failures import no_world, reason, unreadable, unwritable
+from mapping.world.planes import plane_names
+from mapping.world.run_file import MOTIONS_FILE, RUN_FILE, RunFile, SavedRun, unfinished
+from mapping.world.tile_array import ARRAY_FILE, ORIGIN_CELL, TileArray, load_zarr
+from mapping.world.tiles import Tile
+from mapping.world.writer_lock import LOCK_FILE, locked
 
-if TYPE_CHECKING:
-    import zarr
-
-_SIDE_CELLS = 2**36
-_ORIGIN = _SIDE_CELLS // 2
-_FORMAT = 1
-_LOCK = "writer.lock"
+_FORMAT = 2
+_STAGED = ("staged.0", "staged.1")
 _ABOUT = "terravibe_world"
 
 
 class TileStore:
     """A world map's folder; one writer at a time, any number of readers beside it."""
 
-    def __init__(self, path: Path, array: zarr.Array[Any], lock: IO[bytes] | None) -> None:
+    def __init__(self, path: Path, lock: IO[bytes] | None) -> None:
         """Use `create`, `reopen` or `read_only` instead."""
         self.path = path
-        self._array = array
         self._lock = lock
+        self._is_new = self._made_folder = False
+        self._home = _home(path, writable=lock is not None)
+        self._staged = [TileArray(path / name, writable=lock is not None) for name in _STAGED]
+        self._run_file = RunFile(path)
+        self._saved = self._run_file.read()
 
     @classmethod
     def create(cls, path: Path, about: Mapping[str, object]) -> Self:
@@ -54,109 +57,126 @@ class TileStore:
         Raises:
             MappingError: zarr is missing, there is something at `path`, or it cannot be written.
         """
-        library = _zarr()
+        load_zarr()
+        if path.exists() and not path.is_dir():
+            raise MappingError(f"{path} is a file; a world is a folder: give another name")
+        is_missing = not path.exists()
         try:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise MappingError(
                 f"cannot make the folder {path}: {error.strerror}; give one that can be written"
             ) from error
-        lock = _locked(path)
+        lock = locked(path)
         try:
             _check_empty(path)
-            compressor = library.codecs.BloscCodec(cname="zstd", clevel=1, shuffle="shuffle")
-            planes = plane_names()
-            array = library.create_array(
-                library.storage.LocalStore(path),
-                shape=(len(planes), _SIDE_CELLS, _SIDE_CELLS),
-                chunks=(len(planes), TILE_CELLS, TILE_CELLS),
-                dtype="float64",
-                fill_value=0.0,
-                compressors=[compressor, library.codecs.Crc32cCodec()],
-                dimension_names=("plane", "y", "x"),
-                attributes={
-                    _ABOUT: {
-                        "format": _FORMAT,
-                        "planes": planes,
-                        "origin_cell": _ORIGIN,
-                        **json.loads(json.dumps(about)),
-                    }
-                },
-            )
-        except BaseException:
+        except MappingError:
             lock.close()
             raise
-        return cls(path, array, lock)
+        try:
+            _furnish(path, about)
+            store = cls(path, lock)
+        except BaseException:
+            _remove(path, folder_too=is_missing)
+            lock.close()
+            raise
+        store._is_new, store._made_folder = True, is_missing
+        return store
 
     @classmethod
     def reopen(cls, path: Path) -> Self:
-        """Be the writer of a world that is there; what a killed writer left half done is removed.
+        """Be the writer of a world that is there; what a killed writer left is put in order.
 
         Raises:
-            MappingError: zarr is missing, there is no world at `path`, or another writes to it.
+            MappingError: zarr is missing, there is no world at `path`, it is damaged or of another
+                version, it cannot be written, or another writes to it.
         """
-        array = _open(path, "r+")
-        lock = _locked(path)
-        for left in path.rglob("*.partial"):
-            left.unlink()
-        return cls(path, array, lock)
+        _home(path, writable=False)
+        lock = locked(path)
+        try:
+            check_target(path / RUN_FILE)
+            store = cls(path, lock)
+            store._put_in_order()
+        except BaseException as error:
+            lock.close()
+            if isinstance(error, OSError | StreamError):
+                raise unwritable(path, error) from error
+            raise
+        return store
 
     @classmethod
     def read_only(cls, path: Path) -> Self:
         """Read a world, also while another writes to it.
 
         Raises:
-            MappingError: zarr is missing, or there is no world at `path`.
+            MappingError: zarr is missing, there is no world at `path`, or it is damaged or of
+                another version.
         """
-        return cls(path, _open(path, "r"), None)
+        return cls(path, None)
 
     @property
     def about(self) -> dict[str, Any]:
         """What `create` was given."""
-        return dict(self._array.attrs[_ABOUT])  # type: ignore[arg-type] # JSON: checked in _open
+        return dict(self._home.attributes[_ABOUT])
+
+    @property
+    def run(self) -> RunState:
+        """The run that the cells are from, as of the last save."""
+        return self._saved.run
+
+    def is_current(self) -> bool:
+        """Tell whether there was no save since this was opened, but for its own.
+
+        Raises:
+            MappingError: the world is damaged.
+        """
+        return RunFile(self.path).read().save == self._saved.save
 
     def read(self, tile: Tile) -> CellLayers:
-        """Return a tile's layers (128, 128); all 0 where nothing was written.
+        """Return a tile's layers (128, 128) as of the last save; 0 where nothing was written.
 
         Raises:
             MappingError: the tile is damaged.
         """
-        try:
-            planes = self._array[self._place(tile)]
-        except (RuntimeError, ValueError, OSError) as error:
-            raise MappingError(
-                f"{self._file(tile)} is damaged ({error}); take it from a backup, or delete it to "
-                "go on without that tile"
-            ) from error
-        return from_planes(np.asarray(planes))
+        staged = self._staged[self._saved.save % 2]
+        if staged.has(tile):
+            layers = staged.read(tile)
+            if staged.has(tile):  # else it went home while it was read
+                return layers
+        return self._home.read(tile)
 
-    def write(self, tile: Tile, layers: CellLayers) -> None:
-        """Replace a tile by layers (128, 128), and see it onto the disk.
+    def save(self, tiles: Mapping[Tile, CellLayers], run: RunState) -> None:
+        """Replace tiles by layers (128, 128) and the run by what it has become, all or nothing.
 
         Raises:
-            MappingError: it cannot be written; the tile stays as it was.
+            MappingError: it cannot be written; the world stays as it was.
         """
+        saved = SavedRun(self._saved.save + 1, run)
+        staged = self._staged[saved.save % 2]
         try:
-            self._array[self._place(tile)] = to_planes(layers)
-            file = self._file(tile)
-            if file.exists():  # zarr removes a chunk that is all fill value
-                descriptor = os.open(file, os.O_RDONLY)
-                try:
-                    os.fsync(descriptor)
-                finally:
-                    os.close(descriptor)
-        except OSError as error:
-            raise MappingError(
-                f"cannot write to the world {self.path}: {error.strerror}; free some space or "
-                "give a writable folder, then go on with --continue"
-            ) from error
+            try:
+                for tile, layers in tiles.items():
+                    staged.write(tile, layers)
+                staged.synchronise()
+                self._run_file.write(saved)
+            except (OSError, StreamError):
+                staged.clear()
+                raise
+            self._saved = saved
+            staged.hand_over(self._home)
+        except (OSError, StreamError) as error:
+            raise unwritable(self.path, error) from error
 
     def tiles(self) -> list[Tile]:
-        """Return the tiles that were written, in order."""
-        found = (file.relative_to(self.path).parts for file in self.path.glob("c/0/*/*"))
-        middle = _ORIGIN // TILE_CELLS
-        numbers = [(int(x) - middle, int(y) - middle) for *_, y, x in found if x.isdigit()]
-        return sorted(numbers)
+        """Return the tiles that were written, in order.
+
+        Raises:
+            MappingError: the folder cannot be read.
+        """
+        try:
+            return sorted(self._home.tiles() | self._staged[self._saved.save % 2].tiles())
+        except OSError as error:
+            raise unreadable(self.path) from error
 
     def close(self) -> None:
         """Let another write; does nothing the second time."""
@@ -173,38 +193,37 @@ class TileStore:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        """Close; a new world into which an error let nothing come is removed."""
+        if error is not None and self._is_new and self._saved.save == 0:
+            _remove(self.path, folder_too=self._made_folder)
         self.close()
 
-    def _place(self, tile: Tile) -> tuple[slice, slice, slice]:
-        x, y = (_ORIGIN + number * TILE_CELLS for number in tile)
-        return slice(None), slice(y, y + TILE_CELLS), slice(x, x + TILE_CELLS)
+    def _put_in_order(self) -> None:
+        """Finish or undo the save that a killed writer was at."""
+        for left in [*self.path.rglob("*.partial"), *unfinished(self.path)]:
+            left.unlink()
+        self._staged[(self._saved.save + 1) % 2].clear()
+        self._staged[self._saved.save % 2].hand_over(self._home)
 
-    def _file(self, tile: Tile) -> Path:
-        x, y = (_ORIGIN // TILE_CELLS + number for number in tile)
-        return self.path / "c" / "0" / str(y) / str(x)
 
+def _home(path: Path, *, writable: bool) -> TileArray:
+    """Return a world's own array.
 
-def _zarr() -> ModuleType:
-    """Return zarr, which is an extra and takes 0.2 s to import."""
+    Raises:
+        MappingError: it has none, or one of another version.
+    """
+    array = TileArray(path, writable=writable)
     try:
-        return importlib.import_module("zarr")
-    except ImportError as error:
-        raise MappingError(
-            "a world map needs zarr, which is not installed; run pip install 'terravibe[world]'"
-        ) from error
-
-
-def _open(path: Path, mode: str) -> zarr.Array[Any]:
-    library = _zarr()
-    try:
-        array: zarr.Array[Any] = library.open_array(path, mode=mode)
-        about: Any = array.attrs[_ABOUT]
+        about: Any = array.attributes[_ABOUT]
         found = about["format"], about["planes"]
     except (OSError, KeyError, ValueError, TypeError) as error:
-        raise MappingError(
-            f"{path} is no world map; give a folder made by 'terravibe map --world'"
-        ) from error
+        raise no_world(path) from error
     planes = list(plane_names())
+    if found[0] == 1:
+        raise MappingError(
+            f"the world {path} has format 1, which lacks the rover's motions; expected format "
+            f"{_FORMAT}: map its recordings into a new world"
+        )
     if found != (_FORMAT, planes):
         raise MappingError(
             f"{path} was made by another version of terravibe: it has format and planes {found}; "
@@ -213,26 +232,49 @@ def _open(path: Path, mode: str) -> zarr.Array[Any]:
     return array
 
 
+def _furnish(path: Path, about: Mapping[str, object]) -> None:
+    """Put an empty world into a folder; it is one when the last file is there.
+
+    What a process that was killed here has left is replaced.
+
+    Raises:
+        MappingError: it cannot be written.
+    """
+    attributes = {
+        "format": _FORMAT,
+        "planes": plane_names(),
+        "origin_cell": ORIGIN_CELL,
+        **json.loads(json.dumps(about)),
+    }
+    try:
+        for name in _STAGED:
+            shutil.rmtree(path / name, ignore_errors=True)
+            TileArray.make(path / name, {})
+        RunFile(path).write(SavedRun(0, fresh_run()))
+        TileArray.make(path, {_ABOUT: attributes})
+    except (OSError, StreamError) as error:
+        raise MappingError(
+            f"cannot make a world in {path}: {reason(error)}; free some space or give a writable "
+            "folder"
+        ) from error
+
+
 def _check_empty(path: Path) -> None:
-    if any(item.name != _LOCK for item in path.iterdir()):
+    """Refuse a folder with anything in it, but for what is left of a world that was never begun."""
+    names = {item.name for item in path.iterdir() if item not in unfinished(path)} - {LOCK_FILE}
+    if ARRAY_FILE in names or not names <= {*_STAGED, RUN_FILE, MOTIONS_FILE}:
         raise MappingError(
             f"{path} is not empty; give --continue to add to the world in it, or a new name"
         )
 
 
-def _locked(path: Path) -> IO[bytes]:
-    """Return the writer's lock; the system lets go of it however the process ends."""
-    try:
-        lock = (path / _LOCK).open("wb")
-    except OSError as error:
-        raise MappingError(
-            f"cannot write to the world {path}: {error.strerror}; give a writable folder"
-        ) from error
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        lock.close()
-        raise MappingError(
-            f"another process is writing to the world {path}; wait for it, or give a new name"
-        ) from error
-    return lock
+def _remove(path: Path, *, folder_too: bool) -> None:
+    """Remove a world in which nothing was saved, as far as the system lets us."""
+    with suppress(OSError):
+        (path / ARRAY_FILE).unlink(missing_ok=True)
+        for name in _STAGED:
+            shutil.rmtree(path / name, ignore_errors=True)
+        for file in [path / RUN_FILE, path / MOTIONS_FILE, path / LOCK_FILE, *unfinished(path)]:
+            file.unlink(missing_ok=True)
+        if folder_too and not any(path.iterdir()):
+            path.rmdir()

@@ -1,4 +1,4 @@
-"""The cells of a world that are in memory: tiles around the window, written when it moves on."""
+"""The cells of a world that are in memory: tiles around the window, and all since the last save."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from mapping.cells.cell_layers import CellLayers, copy_cells, empty_layers
 from mapping.cells.grid import CellWindow
+from mapping.motion.run_state import RunState
 from mapping.world.tile_store import TileStore
 from mapping.world.tiles import TILE_CELLS, Place, Tile, shares, tiles_of
 
@@ -13,8 +14,9 @@ from mapping.world.tiles import TILE_CELLS, Place, Tile, shares, tiles_of
 class WorldCells:
     """Takes blocks of cells and gives them back.
 
-    At most the tiles that touch the window, or a ring of one tile around it, are in memory, so
-    that a rover that turns on the spot does not make the disk work.
+    After a save the tiles that touch the window, or a ring of one tile around it, are in memory, so
+    that a rover that turns on the spot does not make the disk work; until the next save those that
+    the window comes to are added, because a save is of everything that has changed.
     """
 
     def __init__(self, store: TileStore) -> None:
@@ -37,32 +39,31 @@ class WorldCells:
             copy_cells(self._tile(tile), inside, layers, outside)
         return layers
 
-    def keep(self, window: CellWindow) -> None:
-        """Write and drop the tiles that are farther than one tile from the window."""
+    def save(self, window: CellWindow, run: RunState) -> None:
+        """Write every tile that has changed; drop those farther than one tile from the window.
+
+        Args:
+            window: the cells that are at work.
+            run: the run that all cells are from, as of now.
+
+        Raises:
+            MappingError: the disk does not take them.
+        """
+        self._store.save({tile: self._tiles[tile] for tile in sorted(self._changed)}, run)
+        self._changed.clear()
         wide = CellWindow(
             window.first_x - TILE_CELLS,
             window.first_y - TILE_CELLS,
             window.cells_x + 2 * TILE_CELLS,
             window.cells_y + 2 * TILE_CELLS,
         )
-        for tile in sorted(self._tiles.keys() - set(tiles_of(wide))):
-            self._write(tile)
+        for tile in self._tiles.keys() - set(tiles_of(wide)):
             del self._tiles[tile]
-
-    def flush(self) -> None:
-        """Write every tile that has changed."""
-        for tile in sorted(self._changed):
-            self._write(tile)
 
     def _tile(self, tile: Tile) -> CellLayers:
         if tile not in self._tiles:
             self._tiles[tile] = self._store.read(tile)
         return self._tiles[tile]
-
-    def _write(self, tile: Tile) -> None:
-        if tile in self._changed:
-            self._store.write(tile, self._tiles[tile])
-            self._changed.discard(tile)
 
 
 def _differ(some: CellLayers, here: Place, others: CellLayers, there: Place) -> bool:

@@ -18,6 +18,9 @@ from mapping.stored_settings import flat, overlaid
 from mapping.world.tile_store import TileStore
 from mapping.world.tiles import TILE_CELLS, shares
 
+# A save in the middle makes the reading begin again.
+_TRIES = 5
+
 
 @dataclass(frozen=True, slots=True)
 class _Block:
@@ -36,22 +39,34 @@ def about_world(settings: MapSettings, noise: DepthNoiseModel) -> dict[str, obje
     return {"settings": asdict(settings), "noise": asdict(noise)}
 
 
-def check_same_cells(store: TileStore, settings: MapSettings) -> None:
-    """Refuse to go on with cells of another size.
+def check_continues(store: TileStore, settings: MapSettings) -> None:
+    """Refuse to go on with cells of another size, or with poses of another kind.
+
+    Poses of another source have errors of another kind, and mostly another terrain frame.
 
     Raises:
-        MappingError: the world's cells have another size.
+        MappingError: the world's cells or poses are others.
     """
-    found_m = store.about["settings"]["resolution_m"]
-    if found_m != settings.resolution_m:
+    known = settings_of(store)
+    if known.resolution_m != settings.resolution_m:
         raise MappingError(
-            f"the world {store.path} has cells of {found_m} m, the settings ask for "
-            f"{settings.resolution_m} m; give --resolution {found_m}, or a new world"
+            f"the world {store.path} has cells of {known.resolution_m} m, the settings ask for "
+            f"{settings.resolution_m} m; give --resolution {known.resolution_m}, or a new world"
+        )
+    if known.pose_source != settings.pose_source:
+        raise MappingError(
+            f"the world {store.path} was made with poses of {known.pose_source}, the settings ask "
+            f"for {settings.pose_source}; give --pose-source {known.pose_source}, or a new world"
         )
 
 
+def is_world(path: Path) -> bool:
+    """Tell whether a name is meant for a world: of a folder, or of one that is not there."""
+    return path.is_dir() or (path.suffix == ".zarr" and not path.exists())
+
+
 def read_world(path: Path, window_m: Sequence[float] | None = None) -> ElevationMap:
-    """Return a rectangle of a world, also while the world is being written.
+    """Return a rectangle of a world as of its last save, also while the world is being written.
 
     Args:
         path: the world's folder.
@@ -61,19 +76,30 @@ def read_world(path: Path, window_m: Sequence[float] | None = None) -> Elevation
         MappingError: no world, a damaged tile, nothing seen in the window, or too much for the
             memory limit that the world was made with.
     """
-    with TileStore.read_only(path) as store:
-        settings = settings_of(store)
-        extent = _all_of(store) if window_m is None else _cells_of(window_m, settings.resolution_m)
-        need_mb = megabytes(extent.cells_x, extent.cells_y)
-        if need_mb > settings.memory_limit_mb:
-            raise MappingError(
-                f"the window needs {need_mb:.0f} MB, the limit is {settings.memory_limit_mb:.0f} "
-                "MB; give a smaller --window"
-            )
-        layers = empty_layers(extent.cells_y, extent.cells_x)
-        for tile, inside, outside in shares(extent):
-            copy_cells(store.read(tile), inside, layers, outside)
-        return read_out(_Block(extent, layers), settings, _attributes(store.about))
+    for _ in range(_TRIES):
+        with TileStore.read_only(path) as store:
+            map_ = _read(store, window_m)
+            if store.is_current():
+                return map_
+    raise MappingError(
+        f"the world {path} was saved {_TRIES} times while it was read; give a smaller --window, or "
+        "wait until the writer has ended"
+    )
+
+
+def _read(store: TileStore, window_m: Sequence[float] | None) -> ElevationMap:
+    settings = settings_of(store)
+    extent = _all_of(store) if window_m is None else _cells_of(window_m, settings.resolution_m)
+    need_mb = megabytes(extent.cells_x, extent.cells_y)
+    if need_mb > settings.memory_limit_mb:
+        raise MappingError(
+            f"the window needs {need_mb:.0f} MB, the limit is {settings.memory_limit_mb:.0f} "
+            "MB; give a smaller --window"
+        )
+    layers = empty_layers(extent.cells_y, extent.cells_x)
+    for tile, inside, outside in shares(extent):
+        copy_cells(store.read(tile), inside, layers, outside)
+    return read_out(_Block(extent, layers), settings, _attributes(store.about), store.run.rover)
 
 
 def settings_of(store: TileStore) -> MapSettings:

@@ -13,12 +13,13 @@ import pytest
 
 from acquisition.clocks.clock_follower import ClockTuning
 from acquisition.config import use as config_use
-from acquisition.config.model import MapSection, RecordingSection, RoverConfig
+from acquisition.config.model import KINDS, MapSection, RecordingSection, RoverConfig
 from acquisition.config.rover_file import LoadedConfig, default_text, load, parse
 from acquisition.errors import ConfigError
 from acquisition.recording.disk_output import DiskOutput
 from acquisition.recording.ring_output import RingOutput
 from acquisition.replay import Replay
+from drivers.errors import DriverError
 from drivers.samples import DepthFrame
 from mapping.session import recorded_settings
 from mapping.settings import MapSettings
@@ -80,14 +81,12 @@ def test_an_empty_file_is_the_default() -> None:
 
 def test_the_examples_in_the_default_text_are_valid() -> None:
     text = default_text()
-    start = text.index("# [[devices]]")
-    example = text[start : text.index("# Where each sensor")]
-    mount = text[text.index("# [mounts") : text.index("# Expected rates")]
-    commented = (example + mount).splitlines()
-    keys = [line[2:] for line in commented if " = " in line or line.startswith("# [")]
-    config = loaded("\n".join(keys)).config
-    assert config.devices[0].settings()["rate_hz"] == 30.0
-    assert "depth_optical_frame" in config.mounts
+    start, end = text.index("# [[devices]]"), text.index("# Expected rates")
+    lines = [line.removeprefix("# ") for line in text[start:end].splitlines()]
+    own = loaded("\n".join(line for line in lines if " = " in line or line.startswith("[")))
+    assert {source.name for source in config_use.sources_of(own)} >= {"depth", "gyro", "wheels"}
+    assert {entry.kind for entry in own.config.devices} == set(KINDS) - {"tum"}
+    assert set(own.config.mounts) == {"depth_optical_frame", "mocap_body"}
 
 
 def test_the_map_section_is_what_mapping_expects() -> None:
@@ -101,7 +100,16 @@ def test_the_map_section_is_what_mapping_expects() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("\n[recording]\nflush = 3\n", ":3: recording.flush: unknown key"),
+        ("\n[recording]\nflush = 3\n", ":3: recording.flush: unknown key; did you mean flush_ms"),
+        ("[recording]\ngrid = 3\n", ":2: recording.grid: unknown key; did you mean map.grid?"),
+        (
+            "[map.gravity]\nwindows = 3\n",
+            ":2: map.gravity.windows: unknown key; did you mean window_s",
+        ),
+        (
+            "[[devices]]\nkind = 'png'\n[devices.clock]\ntick = 3\n",
+            ":4: devices.0.clock.tick: unknown",
+        ),
         ("[recordings]\n", ":1: recordings: unknown key"),
         ("[recording]\nflush_ms = 1\n", ":2: recording.flush_ms: Input should be greater"),
         ("[recording]\nflush_ms = '50'\n", ":2: recording.flush_ms: Input should be a valid int"),
@@ -138,8 +146,9 @@ def test_what_is_wrong_is_told_with_file_and_line(text: str, message: str) -> No
 
 
 def test_a_file_that_cannot_be_read_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot read"):
-        load(tmp_path / "rover.toml")
+    for read in (load, config_use.check):
+        with pytest.raises(ConfigError, match=r"cannot read .*config init` makes one"):
+            read(tmp_path / "rover.toml")
     (tmp_path / "rover.toml").write_bytes(b"\xff")
     with pytest.raises(ConfigError, match="cannot read"):
         load(tmp_path / "rover.toml")
@@ -150,10 +159,49 @@ def test_devices_are_constructed_with_their_settings() -> None:
     assert source.name == "depth"
 
 
-def test_a_setting_that_the_driver_does_not_know_is_told_with_its_line() -> None:
-    text = FULL.replace("rate_hz = 30.0", "rate_hz = 30.0\nbaud = 9600")
-    with pytest.raises(ConfigError, match=r"toml:9: devices.0: settings of kind 'png': .*baud"):
-        config_use.sources_of(loaded(text))
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        ("kind = 'gyro'\nrate = 9", "kind 'gyro': unknown setting rate; did you mean rate_hz?"),
+        ("kind = 'gyro'\nbaud = 9", "kind 'gyro': unknown setting baud; expected bus, chip, addr"),
+        ("kind = 'gyro'\nsleep = 9", "kind 'gyro': unknown setting sleep; expected bus"),
+        ("kind = 'gyro'\nrate_hz = '9'", "rate_hz: Input should be a valid number, found '9'"),
+        ("kind = 'gyro'\nrate_hz = nan", "rate_hz: Input should be a finite number, found nan"),
+        ("kind = 'vibration'", "kind 'vibration': port is missing"),
+        ("kind = 'mocap'\nbody = 'x'\noptions = 3", "options: Input should be"),
+    ],
+)
+def test_a_setting_that_no_driver_can_use_is_told_with_its_line(block: str, message: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        config_use.sources_of(loaded(f"[[devices]]\n{block}\n"))
+    assert str(caught.value).startswith(f"{FILE}:1: devices.0: ")
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        "kind = 'gyro'\nrate_hz = 0.0",
+        "kind = 'gyro'\naddress = 200",
+        "kind = 'gyro'\ntemperature_period_s = -1.0",
+        "kind = 'wheels'\nset_window_s = -1.0",
+        "kind = 'wheels'\nbitrate = 0",
+        "kind = 'mocap'\nbody = 'x'\nposition_sigma_m = -1.0",
+        "kind = 'mocap'\nbody = 'x'\nstall_timeout_s = 0.0",
+    ],
+)
+def test_a_number_that_makes_no_sense_is_refused_before_any_device_is_touched(block: str) -> None:
+    with pytest.raises(DriverError, match="expected"):
+        config_use.sources_of(loaded(f"[[devices]]\n{block}\n"))
+
+
+def test_files_of_devices_are_looked_for_beside_the_configuration(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").touch()
+    entry = "[[devices]]\nkind = 'vibration'\nport = 'x'\nprofile = '{}'\n"
+    for profile, where in (("mine.toml", str(tmp_path)), ("wtvb01-485", "x")):
+        (source,) = config_use.sources_of(loaded(entry.format(profile), tmp_path / "rover.toml"))
+        with pytest.raises(DriverError, match=where):
+            source.open()
 
 
 def test_no_devices_are_told() -> None:
@@ -236,6 +284,15 @@ def test_check_tells_everything_at_once(tmp_path: Path) -> None:
     assert "no devices" in found[0]
     assert f"{path}:3: calibration: cannot use calibration file x.json" in found[1]
     assert f"{path}:1: recording: there is no folder" in found[2]
+    twice = "[[devices]]\nkind = 'gyro'\nrate = 1\n[[devices]]\nkind = 'wheels'\nbaud = 1\n"
+    mounted = (
+        "[mounts.depth_optical_frmae]\nposition_m = [0, 0, 0]\nquaternion_wxyz = [1, 0, 0, 0]\n"
+    )
+    path.write_text(twice + mounted)
+    for line, words in zip(
+        config_use.check(path), ("rate_hz?", "baud; expected", "depth_optical_frame?"), strict=True
+    ):
+        assert words in line
     path.write_text("[recording]\nfolder = 1\n")
     assert config_use.check(path)[0].startswith(f"{path}:2: recording.folder")
     path.write_text(FULL)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition.clocks.device_clock import DeviceClock, DeviceClockSettings, back_date, unwrapped
+from acquisition.clocks.device_clock import DeviceClock, DeviceClockSettings, unwrapped
 from acquisition.errors import StreamError
 from tests.fakes.clocks import DeviceMessages, Int64Array, kinect
 
@@ -200,29 +200,3 @@ def test_a_repeated_message_gets_the_same_time() -> None:
 def test_settings_that_make_no_sense_are_refused(values: dict[str, float]) -> None:
     with pytest.raises(StreamError, match="DeviceClockSettings"):
         DeviceClockSettings(**values)  # type: ignore[arg-type]  # one type for all of them
-
-
-def test_a_batch_is_dated_back_from_its_last_sample() -> None:
-    assert back_date(100, 3, 10) == [80, 90, 100]
-    assert back_date(100, 3, 10, not_before_ns=70) == [80, 90, 100]
-    assert back_date(100, 0, 10) == []
-
-
-def test_a_batch_does_not_reach_behind_the_one_before() -> None:
-    assert back_date(100, 4, 10, not_before_ns=80) == [85, 90, 95, 100]
-
-
-def test_a_batch_without_room_is_refused() -> None:
-    with pytest.raises(StreamError, match="expected rising times"):
-        back_date(100, 3, 10, not_before_ns=98)
-
-
-@given(
-    st.integers(-(10**18), 10**18), st.integers(1, 50), st.integers(1, 10**7), st.integers(0, 10**9)
-)
-def test_batches_rise(last_ns: int, count: int, period_ns: int, room_ns: int) -> None:
-    before_ns = last_ns - count - room_ns
-    times_ns = back_date(last_ns, count, period_ns, before_ns)
-    assert len(times_ns) == count
-    assert times_ns[-1] == last_ns
-    assert all(a < b for a, b in zip([before_ns, *times_ns], times_ns, strict=False))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
 from acquisition.errors import StreamError
-from acquisition.files import replacing
+from acquisition.files import check_folder, refuse_same_file, replacing
 
 
 def test_the_file_appears_when_it_is_complete(tmp_path: Path) -> None:
@@ -46,6 +47,30 @@ def test_a_folder_is_no_target(tmp_path: Path) -> None:
     (tmp_path / "sub").mkdir()
     with pytest.raises(StreamError, match="it is a folder"), replacing(tmp_path / "sub"):
         pytest.fail("the body must not run")
+
+
+def test_what_is_no_file_is_no_target(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")  # as /dev/null, which root may replace
+    with pytest.raises(StreamError, match="no ordinary file"), replacing(tmp_path / "pipe"):
+        pytest.fail("the body must not run")
+
+
+def test_a_folder_is_made_only_where_there_is_no_file(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    check_folder(tmp_path / "a" / "b")
+    check_folder(tmp_path)
+    for path in (tmp_path / "file", tmp_path / "file" / "a"):
+        with pytest.raises(StreamError, match="is no folder"):
+            check_folder(path)
+
+
+def test_one_file_is_not_two(tmp_path: Path) -> None:
+    (tmp_path / "run").touch()
+    (tmp_path / "link").symlink_to(tmp_path / "run")
+    refuse_same_file(tmp_path / "run", tmp_path / "map")
+    for other in ("run", "link"):
+        with pytest.raises(StreamError, match="the same file"):
+            refuse_same_file(tmp_path / "run", tmp_path / other)
 
 
 def test_a_folder_without_permission_is_told(

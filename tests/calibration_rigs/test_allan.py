@@ -9,11 +9,19 @@ from hypothesis import strategies as st
 
 from calibration_rigs.errors import RigError
 from calibration_rigs.static_rig.allan import AllanFit, allan_curve, fit_allan
+from calibration_rigs.static_rig.deviations import KINDS, AtRest, deviation, deviations_csv
 
-# Ten phase points as nine frequencies, and their overlapping deviations at 1 and 2 (Riley,
-# Handbook of Frequency Stability Analysis, NIST SP 1065, table of the nine-point data set).
+# Ten phase points as nine frequencies, and their deviations at 1 and 2 (Riley, Handbook of
+# Frequency Stability Analysis, NIST SP 1065, table of the nine-point data set).
 NBS14 = np.array([892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0])
-NBS14_OADEV = [91.22945, 85.95287]
+NBS14_DEVIATIONS = {
+    "adev": [91.22945, 115.8082],
+    "oadev": [91.22945, 85.95287],
+    "mdev": [91.22945, 74.78849],
+    # Printed as 70.80608; the nine integers give sqrt(210567 / 42) = 70.806073.
+    "hdev": [70.80607, 116.7980],
+    "tdev": [52.67135, 86.35831],
+}
 RATE_HZ = 100.0
 
 
@@ -30,7 +38,23 @@ def _fit(white: float, walk: float, samples: int, seed: int) -> AllanFit:
 
 def test_the_reference_data_give_their_published_deviations() -> None:
     curve = allan_curve(NBS14, 1.0, np.array([1.0, 2.0]))
-    assert curve.deviation.round(5).tolist() == NBS14_OADEV
+    assert curve.deviation.round(5).tolist() == NBS14_DEVIATIONS["oadev"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_deviation_of_the_reference_data_is_the_published_one(kind: str) -> None:
+    tau, found = deviation(kind, AtRest(NBS14, 1.0), np.array([1.0, 2.0]))
+    assert tau.tolist() == [1.0, 2.0]
+    # Seven digits are published; 116.7980 is 116.798 here.
+    assert [f"{value:.7g}" for value in found] == [f"{v:.7g}" for v in NBS14_DEVIATIONS[kind]]
+
+
+def test_the_table_has_every_deviation_of_every_signal() -> None:
+    signal = AtRest(_noise(0.01, 0.0, 300, 2), RATE_HZ)
+    rows = [line.split(",") for line in deviations_csv({"a": signal, "b": signal}).splitlines()]
+    assert rows[0] == ["signal", "deviation", "tau_s", "value"]
+    assert {(row[0], row[1]) for row in rows[1:]} == {(n, k) for n in "ab" for k in KINDS}
+    assert float(rows[1][2]) == 1.0 / RATE_HZ
 
 
 def test_white_noise_gives_its_density_within_one_percent() -> None:

@@ -17,13 +17,14 @@ from acquisition.importing import record_all
 from calibration_rigs.errors import RigError
 from calibration_rigs.plate_rig.bias import fit_bias
 from calibration_rigs.plate_rig.manifest import Manifest, read_manifest
-from calibration_rigs.plate_rig.process import PlateResult, process
+from calibration_rigs.plate_rig.process import CellFailure, PlateResult, process
 from calibration_rigs.plate_rig.report import report_html
 from calibration_rigs.plate_rig.sigma_models import CellSigmas, Conditions, fit_laws
-from calibration_rigs.plate_rig.verdict import compare_environments, verdict
+from calibration_rigs.plate_rig.verdict import cell_warnings, compare_environments, verdict
 from drivers.samples import CameraIntrinsics
 from mapping.calibration_file import DeviceIdentity, calibration_for, calibration_from_name
 from mapping.errors import MappingError
+from mapping.undistortion import read_undistortion
 from simulation.devices.kinect import KinectModel
 from tests.fakes.plate_rig import Plate, PlateCamera, frames_of, true_bias_m, true_sigma_m
 
@@ -100,6 +101,9 @@ def test_calibrate_plate(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with np.load(rig / "undistortion.npz") as map_:
         assert map_["mean_px"].shape == (120, 160)
         assert map_["cells"].max() == 8
+    undistortion = read_undistortion(rig / "undistortion.npz")
+    assert undistortion.device.serial == "A1"
+    assert undistortion.inverse_m.any()
 
 
 def test_the_same_from_images(calibrated: PlateResult, tmp_path: Path) -> None:
@@ -287,3 +291,13 @@ def test_the_mapper_finds_a_device_s_calibration_and_refuses_another_s(tmp_path:
         calibration_for(tmp_path, DeviceIdentity(serial="B2"))
     with pytest.raises(MappingError, match="there is no folder"):
         calibration_for(tmp_path / "none", DeviceIdentity())
+
+
+def test_cells_of_one_place_are_told_apart_by_their_recordings(calibrated: PlateResult) -> None:
+    first = calibrated.manifest.cells[0]
+    twice = replace(calibrated.manifest, cells=(*calibrated.manifest.cells, first))
+    failed = CellFailure(first, "no plate: it fell over")
+    warnings = cell_warnings(replace(calibrated, manifest=twice, failures=(failed,)))
+    assert "1.20 m / 0 deg (c0.mcap): no plate: it fell over" in warnings
+    warnings = cell_warnings(replace(calibrated, failures=(failed,)))
+    assert "1.20 m / 0 deg: no plate: it fell over" in warnings

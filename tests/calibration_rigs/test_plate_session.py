@@ -197,7 +197,7 @@ def test_a_rover_without_a_depth_camera(tmp_path: Path) -> None:
     config = tmp_path / "rover.toml"
     config.write_text('[[devices]]\nkind = "gyro"\n')
     with pytest.raises(RigError, match=r"rover\.toml has no depth camera; expected"):
-        RoverCapture(config).record(tmp_path / "x.mcap", 10)
+        RoverCapture(config)
 
 
 def test_the_keyboard_takes_an_end_of_input_for_quit(

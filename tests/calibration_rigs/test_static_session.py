@@ -183,10 +183,13 @@ def test_the_command_writes_the_file_and_the_figure(
 ) -> None:
     output, figure = tmp_path / "static.json", tmp_path / "allan.png"
     words = ["calibrate", "static", "--rest", str(at_rest), "-o", str(output)]
-    assert cli.main([*words, "--figure", str(figure), "--serial", "A1"]) == 0
+    table = tmp_path / "deviations.csv"
+    more = ["--figure", str(figure), "--serial", "A1", "--deviations", str(table)]
+    assert cli.main([*words, *more]) == 0
     assert "gyro noise: N 0.00" in capsys.readouterr().out
     assert read_inertial(output).device.serial == "A1"
     assert figure.read_bytes().startswith(b"\x89PNG")
+    assert "gyro,tdev,0.01," in table.read_text()
 
 
 @pytest.mark.parametrize(

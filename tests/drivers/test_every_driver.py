@@ -58,9 +58,7 @@ _auditing = False
 
 
 def _audit(event: str, _arguments: object) -> None:
-    if _auditing and event.startswith(
-        ("open", "os.", "socket.", "subprocess.", "fcntl.", "ctypes.")
-    ):
+    if _auditing and event.startswith(IO_EVENTS):
         _audited.append(event)
 
 

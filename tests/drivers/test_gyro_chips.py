@@ -95,8 +95,8 @@ def test_the_nearest_rate_is_taken(name: str, wanted_hz: float, rate_hz: float) 
         ("l3gd20h", 250.0, "cannot do 250 Hz; the nearest rate is 189.4 Hz"),
         ("mpu6050", 700.0, "nearest rate is 1000 Hz"),
         ("xv7001bb", 2000.0, "nearest rate is 1000 Hz"),
-        ("itg3200", 0.0, "expected a positive rate"),
-        ("itg3200", math.nan, "expected a positive rate"),
+        ("itg3200", 0.0, "expected a number above 0"),
+        ("itg3200", math.nan, "expected a number above 0"),
     ],
 )
 def test_a_rate_that_the_chip_cannot_do_is_refused(

@@ -12,11 +12,8 @@ from hypothesis import strategies as st
 
 from drivers.depth.openni_depth import (
     KINECT_FOV_RAD,
-    KINECT_TICK_HZ,
-    KINECT_TICK_WRAP,
     decimated,
     intrinsics_from_fov,
-    unwrap_ticks,
 )
 from drivers.depth.openni_helper import ParentLink
 from drivers.depth.openni_protocol import (
@@ -94,18 +91,3 @@ def test_decimated_intrinsics_see_the_same_point(x: float, y: float, z: float, w
     u, v = full.fx_px * x / z + full.cx_px, full.fy_px * y / z + full.cy_px
     assert 2 * (half.fx_px * x / z + half.cx_px) == pytest.approx(u)
     assert 2 * (half.fy_px * y / z + half.cy_px) == pytest.approx(v)
-
-
-@given(st.integers(0, 2**34), st.lists(st.integers(0, KINECT_TICK_WRAP - 1), max_size=20))
-def test_unwrapped_ticks_are_the_true_ones(start: int, steps: list[int]) -> None:
-    true = unwrapped = start
-    for step in steps:
-        true += step
-        unwrapped = unwrap_ticks(true % KINECT_TICK_WRAP, unwrapped)
-        assert unwrapped == true
-
-
-def test_kinect_ticks_turn_over_after_71_6_s() -> None:
-    assert pytest.approx(71.58, abs=0.01) == KINECT_TICK_WRAP / KINECT_TICK_HZ
-    almost = KINECT_TICK_WRAP - 1_000_000
-    assert unwrap_ticks(1_000_000, almost) - almost == 2_000_000  # one frame at 30 per second

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
-from drivers.samples import DepthFrame
+from drivers.samples import CameraIntrinsics, DepthFrame
 from mapping.mapper import Mapper
 from simulation.devices.ideal_camera import noisy_depth_mm
 from simulation.devices.kinect import kinect_320
-from tests.mapping.scenes import looking, pose_sample, rays
+from tests.mapping.scenes import NO_COVARIANCE, looking, pose_sample, rays
 
 Float64Array = NDArray[np.float64]
 # (x_min, y_min, z_min, x_max, y_max, z_max) in T, metres.
@@ -24,11 +26,15 @@ _FARTHEST_M = 8.0
 
 @lru_cache(maxsize=8)
 def _look(
-    yaw_deg: float, pitch_deg: float, position_m: tuple[float, float, float], boxes: tuple[Box, ...]
+    camera: CameraIntrinsics,
+    yaw_deg: float,
+    pitch_deg: float,
+    position_m: tuple[float, float, float],
+    boxes: tuple[Box, ...],
 ) -> tuple[Float64Array, Float64Array]:
-    """Return z (0 = nothing within 8 m) and the angle of incidence, (240, 320) each."""
+    """Return z (0 = nothing within 8 m) and the angle of incidence, an image each."""
     rotation = looking(yaw_deg, pitch_deg)
-    ray = rays(KINECT)
+    ray = rays(camera)
     direction = ray @ rotation.T
     with np.errstate(divide="ignore", invalid="ignore"):
         z = np.where(direction[..., 2] < 0.0, -position_m[2] / direction[..., 2], np.inf)
@@ -48,12 +54,43 @@ def _look(
     return np.where(seen, z, 0.0), np.arccos(np.clip(cosine, 0.0, 1.0))
 
 
-class Stage:
-    """A mapper and the camera in front of it, frame by frame, ten a second."""
+@dataclass
+class PoseNoise:
+    """Error of the poses that a mapper is told, and told of: Gauss-Markov, alike for 0.3 s."""
 
-    def __init__(self, mapper: Mapper, seed: int = 1) -> None:
+    sigma_m: float = 0.0
+    sigma_rad: float = 0.0
+    tau_s: float = 0.3
+    now: Float64Array = field(default_factory=lambda: np.zeros(6))
+
+    @property
+    def sigmas(self) -> Float64Array:
+        return np.repeat([self.sigma_m, self.sigma_rad], 3)
+
+    def step(self, dt_s: float, random: np.random.Generator) -> Float64Array:
+        """Return the error of (x, y, z, rotation about T's x, y, z)."""
+        kept = np.exp(-dt_s / self.tau_s)
+        fresh = self.sigmas * random.standard_normal(6)
+        self.now = kept * self.now + np.sqrt(1.0 - kept**2) * fresh
+        return self.now
+
+
+class Stage:
+    """A mapper and the camera in front of it, frame by frame."""
+
+    def __init__(
+        self,
+        mapper: Mapper,
+        seed: int = 1,
+        camera: CameraIntrinsics = KINECT,
+        rate_hz: int = 10,
+        noise: PoseNoise | None = None,
+    ) -> None:
         self.mapper = mapper
         self.frames = 0
+        self._camera = camera
+        self._rate_hz = rate_hz
+        self._noise = noise
         self._random = np.random.default_rng(seed)
 
     def see(
@@ -65,12 +102,19 @@ class Stage:
     ) -> None:
         """Map one frame from there."""
         rotation = looking(yaw_deg, pitch_deg)
-        t_ns = self.frames * 100_000_000
-        z_m, angle = _look(yaw_deg, pitch_deg, position_m, tuple(boxes))
+        t_ns = self.frames * (1_000_000_000 // self._rate_hz)
+        z_m, angle = _look(self._camera, yaw_deg, pitch_deg, position_m, tuple(boxes))
         depth_mm = noisy_depth_mm(z_m, angle, self._random)
         depth_mm.flags.writeable = False
-        self.mapper.add(pose_sample(t_ns, position_m, rotation))
-        self.mapper.add(DepthFrame(t_ns, depth_mm, KINECT, self.frames))
+        told_m: ArrayLike = position_m
+        covariance = NO_COVARIANCE
+        if self._noise is not None:
+            error = self._noise.step(1.0 / self._rate_hz, self._random)
+            told_m = position_m + error[:3]
+            rotation = Rotation.from_rotvec(error[3:]).as_matrix() @ rotation
+            covariance = np.diag(self._noise.sigmas**2)
+        self.mapper.add(pose_sample(t_ns, told_m, rotation, covariance))
+        self.mapper.add(DepthFrame(t_ns, depth_mm, self._camera, self.frames))
         self.frames += 1
 
     def heights(self, box: Box) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:

@@ -15,6 +15,7 @@ from mapping.noise import (
     PRESETS,
     DepthNoiseModel,
     constant_noise,
+    independent_readings,
 )
 
 
@@ -92,3 +93,34 @@ def test_a_range_is_the_only_thing_that_with_range_changes() -> None:
 def test_presets_go_by_their_own_names() -> None:
     assert set(PRESETS) == {"nguyen2012", "kinect-v1", "kinect-quantisation"}
     assert all(model.name == name for name, model in PRESETS.items())
+
+
+def _pairs(width: int, height: int, reach_px: float) -> float:
+    """Return n^2 over the sum of exp(-(r / reach)^2) over all pairs of a width x height patch."""
+    v, u = (axis.ravel() for axis in np.mgrid[:height, :width])
+    apart2 = (u[:, np.newaxis] - u) ** 2 + (v[:, np.newaxis] - v) ** 2
+    return float((width * height) ** 2 / np.exp(-apart2 / reach_px**2).sum())
+
+
+def _area(reach_px: float) -> float:
+    lags = np.arange(-40, 41)
+    return float(np.exp(-((lags / reach_px) ** 2)).sum() ** 2)
+
+
+@pytest.mark.parametrize("reach_px", [0.5, 0.8, 1.2, 1.8, 2.5, 3.66, 5.0])
+def test_neighbours_that_share_noise_are_worth_what_their_pairs_say(reach_px: float) -> None:
+    """Brute force over all pairs; n / A alone would be half of it at n = A = 42."""
+    area = _area(reach_px)
+    for side in (1, 2, 3, 4, 6, 9, 14, 25):
+        told = float(independent_readings(np.array(float(side * side)), area))
+        assert told == pytest.approx(_pairs(side, side, reach_px), rel=0.04)
+    for width, height in ((5, 2), (9, 4), (12, 4), (16, 6)):
+        told = float(independent_readings(np.array(float(width * height)), area))
+        assert 0.88 < told / _pairs(width, height, reach_px) < 1.04
+
+
+def test_one_reading_is_one_and_white_noise_is_not_shared() -> None:
+    pixels = np.array([1.0, 2.0, 50.0, 1e4])
+    np.testing.assert_allclose(independent_readings(pixels, 1.0), pixels)
+    assert independent_readings(pixels, 42.0)[0] == 1.0
+    assert np.all(independent_readings(pixels, 42.0) <= pixels)

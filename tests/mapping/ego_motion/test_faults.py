@@ -188,8 +188,7 @@ def test_after_a_fault_the_error_is_that_of_the_stated_sigma(
     for seed, scale in ((2, -0.03), (4, 0.04)):
         drive = kind(seed=seed, scale=scale, bias_rad_s=0.005 * seed)
         poses, _ = followed(fault(drive), step_s=0.5)
-        for seconds in (5.5, 7.5, 11.5):
-            squares.append(normalised(poses[seconds], drive, seconds) ** 2)
+        squares += [normalised(poses[t], drive, t) ** 2 for t in (5.5, 7.5, 11.5)]
     assert np.max(squares) < 3.5**2
     assert np.mean(squares) < 2.0
 

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mapping.motion.ledger import MotionLedger
+from mapping.motion.pose_errors import RELATIVE
+from mapping.motion.read_out import Rover, place_errors
 from mapping.motion.relative import RelativeMotion
 from tests.mapping.cells import Cell, Seen
 from tests.mapping.motion.sweep import growth
@@ -73,6 +75,27 @@ def test_the_lazy_update_is_the_sweep(taken: list[tuple[list[RelativeMotion], fl
         assert cell.stale_m == pytest.approx(swept.stale_m, rel=1e-4, abs=1e-7)
         product = found[0] * found[2]
         assert product - found[1] ** 2 >= -1e-5 * product - 1e-30
+
+
+@settings(max_examples=50)
+@given(st.lists(steps, min_size=1, max_size=6), st.lists(motions, max_size=3))
+def test_the_place_is_never_surer_than_possible_in_any_direction(
+    taken: list[tuple[list[RelativeMotion], float]], last: list[RelativeMotion]
+) -> None:
+    """The covariance that is read out is positive semi-definite, also between two frames."""
+    cell, ledger = Cell(**OPEN), MotionLedger(with_covariance=True)
+    cell.see(Seen(0.0, 1e-3))
+    for between, own_m2 in taken:
+        for motion in between:
+            ledger.add(motion)
+        cell.see(Seen(0.0, own_m2), ledger.motions)
+    for motion in last:
+        ledger.add(motion)
+    rover = Rover(0.3, -0.2, ledger.motions, RELATIVE)
+    found = place_errors(cell.layers, CELL_M[:1], CELL_M[1:2], rover)
+    xx, xy, yy = (float(part[0, 0]) for part in (found.xx_m2, found.xy_m2, found.yy_m2))
+    assert np.linalg.eigvalsh([[xx, xy], [xy, yy]])[0] >= -1e-15 * (xx + yy)
+    assert found.height_m2[0, 0] >= 0.0
 
 
 @given(st.lists(st.floats(0.0, 0.1), min_size=1, max_size=5), st.floats(-5.0, 5.0))

@@ -35,11 +35,15 @@ from mapping.mapper import Mapper
 from mapping.output.odometry_file import write_trajectory
 from mapping.poses.settings import PoseSourceName, TiltSource
 from mapping.settings import MapSettings
+from mapping.world.tile_store import TileStore
+from mapping.world.world_grid import WorldGrid
+from mapping.world.world_map import about_world, read_world
 from simulation.devices.kinect_noise import kinect_noise_file
 from simulation.devices.sensor_mounts import sensor_mounts
 from simulation.motion import Motion
 from simulation.scenario_source import ScenarioSource
 from simulation.scenarios import make_scenario
+from tests.mapping.world.conftest import zarr_stops  # noqa: F401 - a fixture, of all tests here
 
 MOTION_SENSORS = (AccelerationSample, VibrationSample, YawRateSample, WheelTwistSample)
 
@@ -59,9 +63,18 @@ class Drive:
         samples: Sequence[Sample] | None = None,
         tilt: TiltSource = "levelled",
     ) -> tuple[Mapper, list[UncertainPose]]:
+        return self.map(MapSettings(pose_source=poses, tilt_source=tilt), samples)
+
+    def map(
+        self,
+        settings: MapSettings,
+        samples: Sequence[Sample] | None = None,
+        store: TileStore | None = None,
+    ) -> tuple[Mapper, list[UncertainPose]]:
         found: list[UncertainPose] = []
-        settings = MapSettings(pose_source=poses, tilt_source=tilt)
-        mapper = Mapper(settings, parse_noise(self.noise, "test"), on_pose=found.append)
+        noise = parse_noise(self.noise, "test")
+        grid = WorldGrid(settings, store) if store else None
+        mapper = Mapper(settings, noise, grid, on_pose=found.append)
         mapper.add(self.mounts)
         for sample in self.samples if samples is None else samples:
             mapper.add(sample)
@@ -119,6 +132,28 @@ def test_alignment_keeps_the_rovers_own_poses(drive: Drive, wheels: bool) -> Non
     map_ = mapper.elevation_map()
     assert mapper.counts.motions > 3
     assert (map_.pose_m2[map_.known] >= 0.001**2).all()
+
+
+def test_a_world_is_continued_where_the_rover_stands_in_it(drive: Drive, tmp_path: Path) -> None:
+    """The second run knows nothing of the way to there but what the world says."""
+    settings = MapSettings(pose_source="ego-motion+alignment", grid="scrolling")
+    first_ns, cut_ns = (drive.samples[0].t_ns + round(s * 1e9) for s in (3.4, 4.0))
+    late = [s for s in drive.samples if not isinstance(s, DepthFrame) or s.t_ns > first_ns]
+    about = about_world(settings, parse_noise(drive.noise, "test"))
+    poses: list[UncertainPose] = []
+    told: list[int] = []
+    TileStore.create(tmp_path / "w", about).close()
+    for samples in ([s for s in late if s.t_ns <= cut_ns], [s for s in late if s.t_ns > cut_ns]):
+        with TileStore.reopen(tmp_path / "w") as store:
+            mapper, found = drive.map(settings, samples, store)
+            told.append(store.run.rover.motions.now)
+        poses += found
+        assert read_world(tmp_path / "w").sha256() == mapper.elevation_map().sha256()
+    assert 0 < told[0] < told[1]
+    assert mapper.counts.aligned == mapper.counts.frames == len(found) > 2
+    drift_mm, drift_deg = _drift(drive, poses)
+    assert drift_mm < 6.0
+    assert drift_deg < 0.25
 
 
 def test_late_samples_within_the_window_change_no_bit(drive: Drive) -> None:

@@ -6,15 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zarr
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mapping.cells.cell_layers import CellLayers, empty_layers
 from mapping.cells.grid import CellWindow
 from mapping.errors import MappingError
+from mapping.motion.run_state import fresh_run
 from mapping.settings import MapSettings
 from mapping.world import tile_store
 from mapping.world.planes import from_planes, plane_names, to_planes
+from mapping.world.tile_array import TileArray
 from mapping.world.tile_store import TileStore
 from mapping.world.tiles import TILE_CELLS, shares, tiles_of, window_of, without
 
@@ -60,9 +63,8 @@ def test_tiles_come_back_from_a_reopened_world(tmp_path: Path) -> None:
         for seed, tile in enumerate([(0, 0), (-1, 0), (10**7, -(10**7))])
     }
     with TileStore.create(path, ABOUT) as store:
-        for tile, layers in tiles.items():
-            store.write(tile, layers)
-        store.write((0, 0), tiles[-1, 0])
+        store.save(tiles, fresh_run())
+        store.save({(0, 0): tiles[-1, 0]}, fresh_run())
     tiles[0, 0] = tiles[-1, 0]
     with TileStore.reopen(path) as store:
         assert store.about["settings"] == ABOUT["settings"]
@@ -78,7 +80,7 @@ def test_one_writes_and_others_read(tmp_path: Path) -> None:
         with pytest.raises(MappingError, match="another process is writing to the world"):
             TileStore.reopen(path)
         with TileStore.read_only(path) as reader:
-            store.write((1, 2), random_layers(TILE_CELLS, TILE_CELLS))
+            store.save({(1, 2): random_layers(TILE_CELLS, TILE_CELLS)}, fresh_run())
             assert reader.tiles() == [(1, 2)]
     TileStore.reopen(path).close()
 
@@ -93,10 +95,8 @@ def test_what_is_no_world_is_refused(tmp_path: Path) -> None:
     for make in (TileStore.reopen, TileStore.read_only):
         with pytest.raises(MappingError, match="is no world map; give a folder made by"):
             make(tmp_path)
-        with pytest.raises(MappingError, match="is no world map"):
+        with pytest.raises(MappingError, match=r"there is no world at .*/missing; check the name"):
             make(tmp_path / "missing")
-    import zarr
-
     zarr.create_array(tmp_path / "other", shape=(3,), chunks=(3,), dtype="f8")
     with pytest.raises(MappingError, match="is no world map"):
         TileStore.read_only(tmp_path / "other")
@@ -106,6 +106,8 @@ def test_a_place_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(MappingError, match=r"cannot make the folder .*; give one that can be"):
         TileStore.create(tmp_path / "file" / "w", ABOUT)
+    with pytest.raises(MappingError, match=r"/file is a file; a world is a folder: give another"):
+        TileStore.create(tmp_path / "file", ABOUT)
     (tmp_path / "w" / "writer.lock").mkdir(parents=True)
     with pytest.raises(MappingError, match=r"cannot write to the world .* give a writable folder"):
         TileStore.create(tmp_path / "w", ABOUT)
@@ -127,10 +129,18 @@ def test_a_missing_zarr_names_the_extra(tmp_path: Path, monkeypatch: pytest.Monk
         TileStore.create(tmp_path / "w", ABOUT)
 
 
+def test_a_world_without_motions_is_refused_by_its_format(tmp_path: Path) -> None:
+    about = {"format": 1, "planes": plane_names(), "origin_cell": 2**35, **ABOUT}
+    TileArray.make(tmp_path, {"terravibe_world": about})
+    for make in (TileStore.reopen, TileStore.read_only):
+        with pytest.raises(MappingError, match="has format 1, which lacks the rover's motions"):
+            make(tmp_path)
+
+
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty"])
 def test_a_damaged_tile_is_named(tmp_path: Path, damage: str) -> None:
     with TileStore.create(tmp_path / "w", ABOUT) as store:
-        store.write((0, 0), random_layers(TILE_CELLS, TILE_CELLS))
+        store.save({(0, 0): random_layers(TILE_CELLS, TILE_CELLS)}, fresh_run())
         (file,) = (tmp_path / "w" / "c").glob("0/*/*")
         content = file.read_bytes()
         middle = len(content) // 2
@@ -140,12 +150,24 @@ def test_a_damaged_tile_is_named(tmp_path: Path, damage: str) -> None:
             store.read((0, 0))
 
 
+def test_a_tile_that_may_not_be_read_is_not_called_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def forbidden(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    with TileStore.create(tmp_path / "w", ABOUT) as store:
+        monkeypatch.setattr(zarr.Array, "__getitem__", forbidden)
+        with pytest.raises(MappingError, match=r"cannot read .*: Permission denied; make it read"):
+            store.read((0, 0))
+
+
 def test_a_full_disk_is_said_and_the_old_tile_stays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     old, new = (random_layers(TILE_CELLS, TILE_CELLS, seed) for seed in (1, 2))
     with TileStore.create(tmp_path / "w", ABOUT) as store:
-        store.write((0, 0), old)
+        store.save({(0, 0): old}, fresh_run())
 
         def full(*_: object) -> None:
             raise OSError(28, "No space left on device")
@@ -153,7 +175,8 @@ def test_a_full_disk_is_said_and_the_old_tile_stays(
         with monkeypatch.context() as patch:
             patch.setattr(Path, "replace", full)
             with pytest.raises(MappingError, match="No space left on device; free some space"):
-                store.write((0, 0), new)
+                store.save({(0, 0): new}, fresh_run())
+        assert not list((tmp_path / "w").glob("staged.?/c"))
         assert same(store.read((0, 0)), old)
 
 
@@ -203,10 +226,34 @@ def test_what_a_window_leaves_is_in_rectangles_that_do_not_overlap(
 def test_settings_in_a_world_are_those_it_was_made_with(tmp_path: Path) -> None:
     settings = MapSettings(body_boxes_m=((0, 0, 0, 1, 1, 1),), resolution_m=0.03)
     from mapping.noise import KINECT_V1
-    from mapping.world.world_map import about_world, check_same_cells, settings_of
+    from mapping.world.world_map import about_world, check_continues, settings_of
 
     with TileStore.create(tmp_path / "w", about_world(settings, KINECT_V1)) as store:
         assert settings_of(store) == settings
-        check_same_cells(store, settings)
+        check_continues(store, settings)
         with pytest.raises(MappingError, match=r"has cells of 0\.03 m, the settings ask for 0\.04"):
-            check_same_cells(store, MapSettings())
+            check_continues(store, MapSettings())
+
+
+def test_a_disk_that_is_full_from_the_start_keeps_nothing_of_a_new_world(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole_make = TileArray.make
+
+    def make(path: Path, attributes: dict[str, object]) -> None:
+        if attributes:
+            raise OSError(28, "No space left on device")
+        whole_make(path, attributes)
+
+    monkeypatch.setattr(TileArray, "make", make)
+    with pytest.raises(MappingError, match=r"cannot make a world in .*: No space left on device;"):
+        TileStore.create(tmp_path / "w", ABOUT)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_kill_left_of_making_a_world_does_not_stand_in_its_way(tmp_path: Path) -> None:
+    TileStore.create(tmp_path / "w", ABOUT).close()
+    (tmp_path / "w" / "zarr.json").unlink()  # the last that is written
+    (tmp_path / "w" / ".run.0123.part.json").touch()
+    with TileStore.create(tmp_path / "w", ABOUT) as store:
+        assert store.tiles() == []

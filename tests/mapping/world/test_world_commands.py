@@ -62,13 +62,39 @@ def test_a_recording_becomes_a_world_and_a_part_of_it_a_map(
         (["map", "x.mcap"], "nothing to write; give -o FILE.nc, --world DIR.zarr, or both"),
         (["map", "x.mcap", "--world", "w", "--grid", "growing"], "leave --grid out"),
         (["map", "x.mcap", "-o", "m.nc", "--continue"], "give --world DIR.zarr too"),
-        (["export", "m.nc", "--window", "0", "0", "1", "1", "-o", "a.tif"], "is for world maps"),
+        (["export", __file__, "--window", "0", "0", "1", "1", "-o", "a.tif"], "is for world maps"),
+        (["export", "no.zarr", "--window", "0", "0", "1", "1", "-o", "a.tif"], "is no world at no"),
+        (["export", "no.nc", "--window", "0", "0", "1", "1", "-o", "a.tif"], "cannot read no.nc"),
+        (["info", "no.zarr"], "there is no world at no.zarr; check the name"),
     ],
 )
-def test_contradictions_are_one_line(
+def test_contradictions_and_wrong_names_are_one_line(
     words: list[str], reason: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(words) == 2
     error = capsys.readouterr().err
     assert reason in error
     assert error.count("\n") == 1
+
+
+def test_a_new_world_is_not_left_where_nothing_came_into_it(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "there").mkdir()
+    for name in ("new", "there"):
+        words = _words("map", recording, "--world", tmp_path / name, "--pose-source", "ego-motion")
+        assert cli.main(words) == 2
+    assert list(tmp_path.rglob("*")) == [tmp_path / "there"]
+    assert capsys.readouterr().err.count("ego-motion has nothing to go by\n") == 2
+
+
+def test_a_world_continues_with_its_own_poses_alone(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = _words("map", recording, "--world", tmp_path / "w")
+    assert cli.main(command) == 0
+    before = sorted((path, path.stat().st_mtime_ns) for path in tmp_path.rglob("[!w]*"))
+    capsys.readouterr()
+    assert cli.main([*command, "--continue", "--pose-source", "mocap+alignment"]) == 2
+    assert "give --pose-source mocap, or a new world" in capsys.readouterr().err
+    assert sorted((path, path.stat().st_mtime_ns) for path in tmp_path.rglob("[!w]*")) == before

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,13 @@ from hypothesis import strategies as st
 from mapping.cells.cell_layers import CellLayers, copy_cells, empty_layers
 from mapping.cells.grid import CellWindow, Grid, GrowingGrid, ScrollingGrid
 from mapping.errors import MappingError
+from mapping.geometry import RigidTransform, UncertainPose
 from mapping.mapper import Mapper
+from mapping.motion.read_out import standing
+from mapping.motion.run_state import RunState
 from mapping.noise import KINECT_V1
 from mapping.settings import MapSettings
+from mapping.world.tile_array import TileArray
 from mapping.world.tile_store import TileStore
 from mapping.world.world_grid import WorldGrid
 from mapping.world.world_map import about_world, read_world
@@ -46,7 +51,16 @@ def visit(grid: Grid, x: int, y: int, mark: int) -> CellWindow:
     )
     for layer in grid.layers._asdict().values():
         layer[places] = mark
+    grid.keep(run_after(mark))
     return window
+
+
+def run_after(frame: int, x_m: float = 0.0) -> RunState:
+    """Return the state of a run without motions after a frame at (x_m, 0)."""
+    pose = UncertainPose(
+        frame, RigidTransform(np.eye(3), np.array([x_m, 0.0, 0.0])), np.zeros((6, 6))
+    )
+    return RunState(standing(x_m), pose, None, 0.0)
 
 
 def world_cells(store: TileStore) -> dict[tuple[int, int], int]:
@@ -77,7 +91,7 @@ def test_a_walk_leaves_every_mark_in_the_world(
             for j in range(window.cells_y):
                 for i in range(window.cells_x):
                     expected[window.first_x + i, window.first_y + j] = mark
-        grid.save()
+        grid.keep(run_after(99), at_once=True)
         assert world_cells(store) == expected
         _check_window(grid, expected)
 
@@ -128,7 +142,7 @@ def test_a_second_session_goes_on_where_the_first_ended(tmp_path: Path) -> None:
     with TileStore.create(tmp_path / "w", ABOUT) as store:
         grid = WorldGrid(SMALL, store)
         visit(grid, 0, 0, 7)
-        grid.save()
+        grid.keep(run_after(1), at_once=True)
     with TileStore.reopen(tmp_path / "w") as store:
         again = WorldGrid(SMALL, store)
         again.prepare(CellWindow(0, 0, 1, 1), 0.0, 0.0)
@@ -151,21 +165,21 @@ def test_tiles_that_did_not_change_are_not_written_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written: list[object] = []
-    whole_write = TileStore.write
+    whole_write = TileArray.write
 
-    def write(self: TileStore, tile: tuple[int, int], layers: CellLayers) -> None:
+    def write(self: TileArray, tile: tuple[int, int], layers: CellLayers) -> None:
         written.append(tile)
         whole_write(self, tile, layers)
 
-    monkeypatch.setattr(TileStore, "write", write)
+    monkeypatch.setattr(TileArray, "write", write)
     with TileStore.create(tmp_path / "w", ABOUT) as store:
         grid = WorldGrid(SMALL, store)
         visit(grid, 20, 20, 1)
-        grid.save()
-        grid.save()
+        grid.keep(run_after(1), at_once=True)
+        grid.keep(run_after(1), at_once=True)
         for x in (400, 20):
             grid.prepare(CellWindow(x, 20, 1, 1), x * CELL_M, 20 * CELL_M)
-        grid.save()
+        grid.keep(run_after(1), at_once=True)
     assert written == [(0, 0)]
 
 
@@ -173,7 +187,7 @@ def test_a_cell_that_was_forgotten_stays_forgotten(tmp_path: Path) -> None:
     with TileStore.create(tmp_path / "w", ABOUT) as store:
         grid = WorldGrid(SMALL, store)
         visit(grid, 0, 0, 5)
-        grid.save()
+        grid.keep(run_after(1), at_once=True)
         visit(grid, 0, 0, 0)
         for x in (300, 600, 0):
             grid.prepare(CellWindow(x, 0, 1, 1), x * CELL_M, 0.0)
@@ -184,47 +198,54 @@ class _Crash(BaseException):
     """Ends the program at a point of its work."""
 
 
-def test_whichever_write_a_crash_comes_before_the_world_is_whole(tmp_path: Path) -> None:
-    """Every cell then holds one of the marks that were written to it, in all layers alike."""
-    walk = [(0, 0), (125, 125), (400, 0), (0, 0)]
+def test_whichever_step_a_crash_comes_before_the_world_is_as_after_one_frame(
+    tmp_path: Path,
+) -> None:
+    walk = [(0, 0), (125, 125), (0, 0)]
+    expected: list[dict[tuple[int, int], int]] = [{}]
+    for mark, (x, y) in enumerate(walk, 1):
+        seen = {(i, j): mark for i in range(x - 2, x + 5) for j in range(y + 1, y + 6)}
+        expected.append(expected[-1] | seen)
     total = _walk_until_crash(tmp_path / "whole", walk, 10_000)
-    assert total >= 6
+    assert total >= 12
+    after = []
     for crash in range(total):
         path = tmp_path / f"crash{crash}"
         assert _walk_until_crash(path, walk, crash) == crash
+        with TileStore.read_only(path) as store:
+            found = world_cells(store)
         with TileStore.reopen(path) as store:
+            assert world_cells(store) == found
             assert not list(path.rglob("*.partial"))
-            marks = world_cells(store)
-            assert set(marks.values()) <= set(range(1, len(walk) + 1))
+            after.append(store.run.pose.t_ns if store.run.pose else 0)
+            assert found == expected[after[-1]]
             visit(WorldGrid(SMALL, store), 0, 0, 99)
+    assert sorted(set(after)) == [0, 2, 3]
+    assert after == sorted(after)
 
 
 def _walk_until_crash(path: Path, walk: list[tuple[int, int]], crash: int) -> int:
-    """Walk; at that write leave half a file as a kill does, and end. Return the writes done."""
-    writes = 0
-    whole_write = Path.replace
+    """Walk; before that step leave half a file as a kill does, and end. Return the steps done."""
+    steps = 0
+    whole_step = Path.replace
 
     def replace(self: Path, target: Path) -> Path:
-        nonlocal writes
-        if self.suffix == ".partial" and "c" in self.parts:
-            if writes == crash:
-                content = self.read_bytes()
-                left = self.with_name("killed.partial")
-                left.write_bytes(content[: len(content) // 2])
-                raise _Crash
-            writes += 1
-        return whole_write(self, target)
+        nonlocal steps
+        if steps == crash:
+            content = self.read_bytes()
+            self.with_name("killed.partial").write_bytes(content[: len(content) // 2])
+            raise _Crash
+        steps += 1
+        return whole_step(self, target)
 
     with pytest.MonkeyPatch.context() as patch, TileStore.create(path, ABOUT) as store:
         patch.setattr(Path, "replace", replace)
         grid = WorldGrid(SMALL, store)
-        try:
+        with suppress(_Crash):
             for mark, (x, y) in enumerate(walk, 1):
                 visit(grid, x, y, mark)
-            grid.save()
-        except _Crash:
-            assert list(path.rglob("*.partial"))
-    return writes
+            grid.keep(run_after(mark), at_once=True)
+    return steps
 
 
 _VICTIM = """
@@ -291,5 +312,5 @@ def test_windows_that_cannot_be_given_are_refused(
 
 def test_an_unplaced_window_saves_nothing(tmp_path: Path) -> None:
     with TileStore.create(tmp_path / "w", ABOUT) as store:
-        WorldGrid(SMALL, store).save()
+        WorldGrid(SMALL, store).keep(run_after(0), at_once=True)
         assert store.tiles() == []

@@ -1,0 +1,152 @@
+"""The run that a world's cells are from, on disk.
+
+`run.json` says which save the world is at, where the rover was then and what its poses were worth;
+it is replaced as a whole. `motions.f64` has the motions' sums (`mapping.motion.ledger`) without
+their row of zeros: eight little-endian float64 a row. Rows are only ever added: those that
+`run.json` does not count yet belong to a save that was not finished.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zlib
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.files import replacing
+from mapping.errors import MappingError
+from mapping.geometry import RigidTransform, UncertainPose
+from mapping.motion.ledger import Motions
+from mapping.motion.pose_errors import PoseErrorModel
+from mapping.motion.read_out import Rover
+from mapping.motion.run_state import RunState
+
+Float64Array = NDArray[np.float64]
+
+RUN_FILE, MOTIONS_FILE = "run.json", "motions.f64"
+_COLUMNS = 8
+_ROW_BYTES = 8 * _COLUMNS
+
+
+class SavedRun(NamedTuple):
+    """A run, and the number of the save that it is as of: 0 = none yet."""
+
+    save: int
+    run: RunState
+
+
+class RunFile:
+    """Reads and writes both files.
+
+    Args:
+        folder: the world's.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._rows = self._checksum = 0
+
+    def read(self) -> SavedRun:
+        """Return what was last written.
+
+        Raises:
+            MappingError: the files are missing or damaged.
+        """
+        try:
+            text = (self._folder / RUN_FILE).read_text(encoding="utf-8")
+            found = json.loads(text)
+            sums = self._sums(found["rows"], found["rows_crc32"])
+            saved = SavedRun(int(found["save"]), _run_of(found, sums))
+        except (OSError, LookupError, ValueError, TypeError) as error:
+            raise MappingError(
+                f"what the world {self._folder} says of its run is damaged "
+                f"({type(error).__name__}: {error}); take {RUN_FILE} and {MOTIONS_FILE} from a "
+                "backup, or map its recordings into a new world"
+            ) from error
+        return saved
+
+    def write(self, saved: SavedRun) -> None:
+        """Replace what was written; call `read` first where there is something.
+
+        Raises:
+            OSError, StreamError: it cannot be written; all stays as it was.
+        """
+        motions = saved.run.rover.motions
+        rows = np.ascontiguousarray(motions.sums[self._rows + 1 : motions.now + 1], "<f8").tobytes()
+        checksum = zlib.crc32(rows, self._checksum)
+        self._append(rows)
+        content = {
+            "save": saved.save,
+            "rows": motions.now,
+            "rows_crc32": checksum,
+            "anchor_m": [motions.anchor_x_m, motions.anchor_y_m],
+            "place_m": [saved.run.rover.x_m, saved.run.rover.y_m],
+            "pose_errors": asdict(saved.run.rover.pose_errors),
+            "pose": _as_json(saved.run.pose),
+            "told": _as_json(saved.run.told),
+            "slid_rad": saved.run.slid_rad,
+        }
+        with replacing(self._folder / RUN_FILE) as temporary:
+            temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        self._rows, self._checksum = motions.now, checksum
+
+    def _append(self, rows: bytes) -> None:
+        """Put rows behind those that count."""
+        with (self._folder / MOTIONS_FILE).open("ab") as file:
+            file.truncate(self._rows * _ROW_BYTES)
+            file.write(rows)
+            file.flush()
+            os.fsync(file.fileno())
+
+    def _sums(self, rows: int, checksum: int) -> Float64Array:
+        """Return the sums with their row of zeros.
+
+        Raises:
+            OSError, ValueError: they cannot be read, or are not those that were written.
+        """
+        content = (self._folder / MOTIONS_FILE).read_bytes()[: rows * _ROW_BYTES]
+        if zlib.crc32(content) != checksum:
+            raise ValueError(f"{MOTIONS_FILE} does not have the {rows} rows that were written")
+        self._rows, self._checksum = rows, checksum
+        known = np.frombuffer(content, "<f8").reshape(rows, _COLUMNS)
+        return np.concatenate([np.zeros((1, _COLUMNS)), known])
+
+
+def unfinished(folder: Path) -> list[Path]:
+    """Return what a killed writer of the run has left."""
+    return list(folder.glob(f".{Path(RUN_FILE).stem}.*.part.json"))
+
+
+def _run_of(found: dict[str, Any], sums: Float64Array) -> RunState:
+    anchor_x_m, anchor_y_m = map(float, found["anchor_m"])
+    x_m, y_m = map(float, found["place_m"])
+    motions = Motions(sums, len(sums) - 1, anchor_x_m, anchor_y_m)
+    rover = Rover(x_m, y_m, motions, PoseErrorModel(**found["pose_errors"]))
+    pose, told = _pose_of(found["pose"]), _pose_of(found["told"])
+    return RunState(rover, pose, told, float(found["slid_rad"]))
+
+
+def _as_json(pose: UncertainPose | None) -> dict[str, Any] | None:
+    if pose is None:
+        return None
+    return {
+        "t_ns": pose.t_ns,
+        "rotation": pose.transform.rotation.tolist(),
+        "translation_m": pose.transform.translation_m.tolist(),
+        "covariance": pose.covariance.tolist(),
+    }
+
+
+def _pose_of(found: dict[str, Any] | None) -> UncertainPose | None:
+    if found is None:
+        return None
+    rotation, translation_m, covariance = (
+        np.array(found[name], np.float64).reshape(shape)
+        for name, shape in (("rotation", (3, 3)), ("translation_m", 3), ("covariance", (6, 6)))
+    )
+    return UncertainPose(int(found["t_ns"]), RigidTransform(rotation, translation_m), covariance)
