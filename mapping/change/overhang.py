@@ -110,7 +110,7 @@ def _is_level(
         for u in range(width):
             high = row[u] * (r20 * ray_x[u] + rest) > limit
             found |= np.int32(high & (row[u] > np.float32(0.0)))
-    return found == 0
+    return bool(found == 0)
 
 
 @njit(cache=True, error_model="numpy")

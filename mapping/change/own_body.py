@@ -73,7 +73,7 @@ def _any_within(row: Float32Array, farthest: np.float32) -> bool:
     found = np.int32(0)
     for u in range(row.size):
         found |= np.int32((row[u] > np.float32(0.0)) & (row[u] <= farthest))
-    return found > 0
+    return bool(found > 0)
 
 
 @njit(cache=True, error_model="numpy")

@@ -315,7 +315,7 @@ def _weigh(b: Float32Array, i: int, j: int) -> bool:
         inside = square <= _REACH2
         b[_W + c] = e if inside else _ZERO
         found |= np.int32(inside)
-    return found > 0
+    return bool(found > 0)
 
 
 @njit(inline="always")
