@@ -21,7 +21,14 @@ from mapping.change.visibility import clear_seen_through, sight_of
 from mapping.ego_motion import filter_kernels
 from mapping.ego_motion.ego_motion import EgoMotion
 from mapping.geometry import RigidTransform, UncertainPose
-from mapping.ground import fill_kernels, fusion_kernels, layer_kernels
+from mapping.ground import (
+    fill_kernels,
+    fusion_kernels,
+    layer_kernels,
+    place_kernels,
+    step_kernels,
+    surface_kernels,
+)
 from mapping.ground.fill import fill_gaps
 from mapping.ground.fusion import fuse_map
 from mapping.ground.layers import derive
@@ -48,13 +55,15 @@ _ENTRY_POINTS = (
     part_kernels.noise_of_heights,
     part_kernels.combine,
     layer_kernels.plane_layers,
-    layer_kernels.step_heights,
-    layer_kernels.supported_steps,
+    step_kernels.step_heights,
+    step_kernels.supported_steps,
     fill_kernels.measure_errors,
     fill_kernels.bridge,
-    fusion_kernels.load_surface,
-    fusion_kernels.mean_height,
-    fusion_kernels.over_blocks,
+    place_kernels.choose_blocks,
+    place_kernels.widest_places,
+    surface_kernels.load_surface,
+    surface_kernels.mean_height,
+    surface_kernels.over_blocks,
     fusion_kernels.integrate,
     filter_kernels.run,
 )

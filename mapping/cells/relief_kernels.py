@@ -13,7 +13,7 @@ _WIDTH = 2 * _HALF_WIDTH + 1
 _FEWEST_CELLS = 6
 # Columns that are worked on together: their sums stay in the first-level cache, and stand at
 # constant distances from each other, so that the compiler can turn loops into vector instructions.
-_CHUNK = 64
+_CHUNK = 152
 # Sums over cells of a row: ones, x, x^2, height h, h x, h^2, noise; over rows also those with y.
 _N, _X, _XX, _H, _HX, _HH, _NOISE, _ROW_SUMS = range(0, 8 * _CHUNK, _CHUNK)
 _Y, _XY, _YY, _HY, _ALL_SUMS = range(7 * _CHUNK, 12 * _CHUNK, _CHUNK)

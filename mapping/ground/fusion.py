@@ -24,18 +24,9 @@ from numpy.typing import NDArray
 
 from mapping.cells.elevation_map import ElevationMap
 from mapping.errors import MappingError
-from mapping.ground.fusion_kernels import (
-    CHUNK,
-    REACH_SIGMA,
-    Fused,
-    Places,
-    Surface,
-    choose_blocks,
-    integrate,
-    load_surface,
-    mean_height,
-    over_blocks,
-)
+from mapping.ground.fusion_kernels import CHUNK, Fused, integrate
+from mapping.ground.place_kernels import REACH_SIGMA, Places, choose_blocks, widest_places
+from mapping.ground.surface_kernels import Surface, load_surface, mean_height, over_blocks
 from mapping.judging.evaluation import CONFIRMED
 
 Float32Array = NDArray[np.float32]
@@ -78,8 +69,10 @@ def fuse_map(map_: ElevationMap, window: tuple[slice, slice] = _WHOLE) -> FusedM
     use &= (map_.state == CONFIRMED[0]) | (map_.state == CONFIRMED[1])
     places = _places(map_, window, use)
     level_m = mean_height(map_.elevation_m, use)
-    sizes = _sizes(places.blocks)
-    margin = max((_margin(places, block) for block in sizes), default=0)
+    widest = widest_places(places)
+    sizes = [int(block) for block in np.flatnonzero(widest) if block > 0]
+    # How many cells the ellipses, with half a block at their rim, reach beyond the map at most.
+    margin = max((int(REACH_SIGMA * widest[n] ** 0.5) + 3 * n for n in sizes), default=0)
     surface = _surface(map_, use, level_m, margin)
     first = row + margin, column + margin
     for block in sizes:
@@ -106,20 +99,6 @@ def _places(map_: ElevationMap, window: tuple[slice, slice], use: BoolArray) -> 
     )
     choose_blocks(xx_m2, xy_m2, yy_m2, counts, 1.0 / map_.resolution_m**2, places)
     return places
-
-
-def _sizes(blocks: NDArray[np.int64]) -> list[int]:
-    """Return the sizes above 0 that are there, in order."""
-    return [int(n) for n in np.flatnonzero(np.bincount(blocks.reshape(-1))) if n > 0]
-
-
-def _margin(places: Places, block: int) -> int:
-    """Return how many cells the ellipses with such blocks reach beyond the map, at most."""
-    widest = max(
-        float(layer.max(where=places.blocks == block, initial=0.0))
-        for layer in (places.xx, places.yy)
-    )
-    return int(REACH_SIGMA * widest**0.5) + 3 * block
 
 
 def _surface(map_: ElevationMap, use: BoolArray, level_m: float, margin: int) -> Surface:

@@ -3,9 +3,6 @@
 Heights are counted from that of the cell in the middle: their squares are then as small as what
 they differ by, and float32 holds them to 1e-6 of the variance. Cells are worked on in chunks, each
 loop over a few arrays and without a branch, so that the compiler turns it into vector instructions.
-
-An ellipse that is wider than a few cells is sampled at blocks of n x n cells, n odd, instead of at
-cells: the sums over a block stand at its middle. Sampling at every n-th cell then leaves none out.
 """
 
 from __future__ import annotations
@@ -16,17 +13,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mapping.ground.place_kernels import REACH_SIGMA, Places
+from mapping.ground.surface_kernels import Surface
+
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# The ellipse reaches this far, in sigma.
-REACH_SIGMA = 3.5
 _REACH2 = np.float32(REACH_SIGMA**2)
-# A place that is less certain than 100 cells counts as if it were known to 100 cells.
-_LARGEST = 100.0**2
-# An ellipse is sampled this far along x and y, in blocks, or up to that where it is slender.
-_SAMPLES, _MOST_SAMPLES = 5.0, 12
 # Below this variance, in squares of a sample's distance, the neighbours have no weight.
 _NARROWEST = 0.02
 # Cells that are worked on together: all their numbers stay in the first-level cache.
@@ -36,38 +30,14 @@ CHUNK = 64
 _A_XX, _A_XY, _A_YY, _MIDDLE, _W, _SUM, _SUM_H, _SUM_HH, _LOW, _HIGH, _SIZE = range(
     0, 11 * CHUNK, CHUNK
 )
+# Rows of what the inverse matrix is found from: covariance, half the eigenvalues' difference, and
+# the eigenvalues.
+_XX, _XY, _YY, _SPREAD, _LARGE, _SMALL, _FORM = range(0, 7 * CHUNK, CHUNK)
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 # exp(-u) = 1 - u (1 - u / 2 (1 - u / 3 (...))).
 _HALF, _THIRD, _FOURTH, _FIFTH = (np.float32(1.0 / k) for k in (2, 3, 4, 5))
 _PER_32 = np.float32(1.0 / 32.0)
-
-
-class Surface(NamedTuple):
-    """What is integrated, at cells or blocks of them; arrays (rows, columns) with a margin.
-
-    share: cells that count. height_m: mean of their heights above a level. square_m2: sum of
-    (height - mean)^2 + vertical variance. lower_m, upper_m: vertical bounds above the level, inf
-    and -inf where none counts.
-    """
-
-    share: Float32Array
-    height_m: Float32Array
-    square_m2: Float32Array
-    lower_m: Float32Array
-    upper_m: Float32Array
-
-
-class Places(NamedTuple):
-    """Horizontal covariance of the cells of a window, in squares of a cell's edge.
-
-    blocks: edge of the blocks at which a cell's ellipse is sampled, 0 = the cell does not count.
-    """
-
-    xx: Float32Array
-    xy: Float32Array
-    yy: Float32Array
-    blocks: IntArray
 
 
 class Fused(NamedTuple):
@@ -77,153 +47,6 @@ class Fused(NamedTuple):
     variance_m2: Float32Array
     lower_m: Float32Array
     upper_m: Float32Array
-
-
-class _Form(NamedTuple):
-    """Inverse of the ellipse's matrix, and how far it reaches; in samples."""
-
-    xx: float
-    xy: float
-    yy: float
-    reach_x: int
-    reach_y: int
-
-
-@njit(cache=True, error_model="numpy")
-def mean_height(height_m: Float32Array, use: NDArray[np.bool_]) -> float:
-    """Return the mean of the heights in `use`, 0 where there is none."""
-    total, count = 0.0, 0
-    for row in range(use.shape[0]):
-        for column in range(use.shape[1]):
-            total += float(height_m[row, column]) if use[row, column] else 0.0
-            count += use[row, column]
-    return total / max(count, 1)
-
-
-@njit(cache=True, error_model="numpy")
-def load_surface(
-    height_m: Float32Array,
-    variance_m2: Float32Array,
-    horizontal_m2: Float32Array,
-    use: NDArray[np.bool_],
-    level_m: float,
-    margin: int,
-    out: Surface,
-) -> None:
-    """Fill the inside of `out` with the cells in `use`, their variance without the place's part."""
-    columns = use.shape[1]
-    for row in range(use.shape[0]):
-        share, height = out.share[row + margin][margin:], out.height_m[row + margin][margin:]
-        square = out.square_m2[row + margin][margin:]
-        lower, upper = out.lower_m[row + margin][margin:], out.upper_m[row + margin][margin:]
-        for k in range(columns):
-            counts = use[row, k]
-            above = np.float32(height_m[row, k] - level_m) if counts else _ZERO
-            vertical = variance_m2[row, k] - horizontal_m2[row, k]
-            vertical = vertical if counts & (vertical > _ZERO) else _ZERO
-            bound = np.float32(3.0) * np.sqrt(vertical)
-            share[k], height[k], square[k] = _ONE if counts else _ZERO, above, vertical
-            lower[k] = above - bound if counts else np.float32(np.inf)
-            upper[k] = above + bound if counts else np.float32(-np.inf)
-
-
-@njit(cache=True, error_model="numpy")
-def over_blocks(s: Surface, block: int, out: Surface) -> None:
-    """Fill `out`, as an empty surface before, with what the block around every cell of `s` holds.
-
-    Cells that have no block around them are in the margin, where no cell counts.
-    """
-    rows, columns = s.share.shape
-    half = block // 2
-    sums, low, high = np.empty((3, columns)), np.empty_like(s.share[0]), np.empty_like(s.share[0])
-    for row in range(half, rows - half):
-        sums[:], low[:], high[:] = 0.0, np.inf, -np.inf
-        for v in range(row - half, row + half + 1):
-            _add_row(sums, s.share[v], s.height_m[v], s.square_m2[v])
-            _lower(low, s.lower_m[v])
-            _raise(high, s.upper_m[v])
-        inside = columns - 2 * half
-        total = np.zeros((3, inside))
-        lower, upper = out.lower_m[row][half:][:inside], out.upper_m[row][half:][:inside]
-        for u in range(block):
-            for k in range(3):
-                _add(total[k], sums[k][u:][:inside])
-            _lower(lower, low[u:][:inside])
-            _raise(upper, high[u:][:inside])
-        for k in range(inside):
-            n = total[0, k]
-            mean = total[1, k] / max(n, 1.0)
-            out.share[row, half + k], out.height_m[row, half + k] = n, mean
-            out.square_m2[row, half + k] = max(total[2, k] - mean * total[1, k], 0.0)
-
-
-@njit(cache=True, error_model="numpy")
-def _add_row(
-    sums: Float64Array, share: Float32Array, height: Float32Array, square: Float32Array
-) -> None:
-    """Add cells, heights, and squares with variances of a row of cells."""
-    for k in range(share.size):
-        h = float(height[k])
-        sums[0, k] += share[k]
-        sums[1, k] += h
-        sums[2, k] += h * h + square[k]
-
-
-@njit(cache=True, error_model="numpy")
-def _add(total: Float64Array, values: Float64Array) -> None:
-    for k in range(total.size):
-        total[k] += values[k]
-
-
-@njit(cache=True, error_model="numpy")
-def _lower(bottom: Float32Array, values: Float32Array) -> None:
-    for k in range(bottom.size):
-        bottom[k] = min(bottom[k], values[k])
-
-
-@njit(cache=True, error_model="numpy")
-def _raise(top: Float32Array, values: Float32Array) -> None:
-    for k in range(top.size):
-        top[k] = max(top[k], values[k])
-
-
-@njit(inline="always")
-def _odd_above(size: float) -> int:
-    return 2 * int(np.ceil(max(0.5 * (size - 1.0), 0.0))) + 1
-
-
-@njit(inline="always")
-def _odd_below(size: float) -> int:
-    return 2 * int(max(0.5 * (size - 1.0), 0.0)) + 1
-
-
-@njit(cache=True, error_model="numpy")
-def choose_blocks(
-    xx_m2: Float32Array,
-    xy_m2: Float32Array,
-    yy_m2: Float32Array,
-    use: NDArray[np.bool_],
-    per_m2: float,
-    out: Places,
-) -> None:
-    """Fill `out` for the cells in `use`: covariance in cells^2, and the edge of the blocks.
-
-    Blocks as large as a few samples allow, but such that what is left of the ellipse's narrow side
-    without their own width is half a block wide: narrower, samples across its axes miss it.
-    """
-    for row in range(use.shape[0]):
-        for column in range(use.shape[1]):
-            if not use[row, column]:
-                continue
-            xx, xy, yy = xx_m2[row, column], xy_m2[row, column], yy_m2[row, column]
-            scale = per_m2 * min(_LARGEST / max((xx + yy) * per_m2, _LARGEST), 1.0)
-            xx, xy, yy = xx * scale, xy * scale, yy * scale
-            half = 0.5 * (xx - yy)
-            narrow = max(0.5 * (xx + yy) - np.sqrt(half * half + xy * xy), 0.0)
-            reach = REACH_SIGMA * np.sqrt(max(xx, yy))
-            block = min(_odd_above(reach / _SAMPLES), _odd_below(np.sqrt(3.0 * narrow)))
-            out.blocks[row, column] = max(block, _odd_above(reach / _MOST_SAMPLES))
-            out.xx[row, column], out.xy[row, column], out.yy[row, column] = xx, xy, yy
 
 
 @njit(inline="always")
@@ -237,30 +60,50 @@ def _widened(variance: float, table: Float64Array) -> float:
     return float((1.0 - share) * table[k] + share * table[k + 1])
 
 
-@njit(inline="always")
-def _form(xx: float, xy: float, yy: float, block: int, table: Float64Array) -> _Form:
-    """Return the ellipse of a covariance, its eigenvalues widened where they are narrow.
+@njit(cache=True, error_model="numpy")
+def _find_axes(
+    f: Float64Array, xx: Float32Array, xy: Float32Array, yy: Float32Array, block: int
+) -> None:
+    """Find the eigenvalues of a chunk's covariances, in samples.
 
     What a block is wide, (n^2 - 1) / 12 cells^2, is taken off: its cells add it by themselves.
     """
     scale, own = 1.0 / (block * block), (block * block - 1.0) / 12.0
-    xx, xy, yy = (xx - own) * scale, xy * scale, (yy - own) * scale
-    middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
-    spread = np.sqrt(half * half + xy * xy)
-    wide_large = _widened(max(middle + spread, _NARROWEST), table)
-    wide_small = _widened(max(middle - spread, _NARROWEST), table)
-    # f(S) = a I + b S has the same axes as S, also where S is no covariance.
-    slope = (wide_large - wide_small) / (2.0 * spread) if spread > 1e-6 * abs(middle) else 0.0
-    offset = 0.5 * (wide_large + wide_small) - slope * middle
-    a_xx, a_xy, a_yy = offset + slope * xx, slope * xy, offset + slope * yy
-    inverse = 1.0 / (a_xx * a_yy - a_xy * a_xy)
-    reach_x, reach_y = int(REACH_SIGMA * np.sqrt(a_xx)), int(REACH_SIGMA * np.sqrt(a_yy))
-    return _Form(a_yy * inverse, -a_xy * inverse, a_xx * inverse, reach_x, reach_y)
+    for c in range(xx.size):
+        x, y, cross = (xx[c] - own) * scale, (yy[c] - own) * scale, xy[c] * scale
+        middle, half = 0.5 * (x + y), 0.5 * (x - y)
+        spread = np.sqrt(half * half + cross * cross)
+        large, small = middle + spread, middle - spread
+        f[_XX + c], f[_XY + c], f[_YY + c], f[_SPREAD + c] = x, cross, y, spread
+        f[_LARGE + c] = large if large > _NARROWEST else _NARROWEST
+        f[_SMALL + c] = small if small > _NARROWEST else _NARROWEST
+
+
+@njit(cache=True, error_model="numpy")
+def _invert(b: Float32Array, f: Float64Array, blocks: IntArray, block: int) -> None:
+    """Write the inverse matrices of a chunk's ellipses, their eigenvalues as `f` has them now.
+
+    f(S) = a I + b S has the same axes as S, also where S is no covariance.
+    """
+    for c in range(blocks.size):
+        middle, spread = 0.5 * (f[_XX + c] + f[_YY + c]), f[_SPREAD + c]
+        is_long = spread > 1e-6 * abs(middle)
+        rise = f[_LARGE + c] - f[_SMALL + c]
+        slope = (rise if is_long else 0.0) / (2.0 * spread if is_long else 1.0)
+        offset = 0.5 * (f[_LARGE + c] + f[_SMALL + c]) - slope * middle
+        xx, xy, yy = offset + slope * f[_XX + c], slope * f[_XY + c], offset + slope * f[_YY + c]
+        inverse = 1.0 / (xx * yy - xy * xy)
+        mine = blocks[c] == block
+        b[_A_XX + c] = yy * inverse if mine else np.inf
+        b[_A_XY + c] = -xy * inverse if mine else np.inf
+        b[_A_YY + c] = xx * inverse if mine else np.inf
+        f[_XX + c], f[_YY + c] = xx if mine else -1.0, yy if mine else -1.0
 
 
 @njit(cache=True, error_model="numpy")
 def _begin(
     b: Float32Array,
+    f: Float64Array,
     s: Surface,
     here: int,
     places: Places,
@@ -270,27 +113,31 @@ def _begin(
     table: Float64Array,
 ) -> tuple[int, int]:
     """Prepare a chunk whose first cell is at `here` of the surface; return how far it reaches."""
-    reach_x, reach_y = -1, 0
-    blocks = places.blocks[row]
+    blocks = places.blocks[row][column:][:CHUNK]
+    if not (blocks == block).any():
+        return -1, 0
     b[: 3 * CHUNK] = np.inf  # where no cell is, no sample is inside
-    for c in range(min(CHUNK, blocks.size - column)):
-        k = column + c
-        if blocks[k] == block:
-            a = _form(
-                float(places.xx[row, k]),
-                float(places.xy[row, k]),
-                float(places.yy[row, k]),
-                block,
-                table,
-            )
-            reach_x, reach_y = max(reach_x, a.reach_x), max(reach_y, a.reach_y)
-            b[_A_XX + c], b[_A_XY + c], b[_A_YY + c] = a.xx, a.xy, a.yy
+    xx, xy = places.xx[row][column:][:CHUNK], places.xy[row][column:][:CHUNK]
+    _find_axes(f, xx, xy, places.yy[row][column:][:CHUNK], block)
+    for c in range(blocks.size):
+        f[_LARGE + c] = _widened(f[_LARGE + c], table)
+        f[_SMALL + c] = _widened(f[_SMALL + c], table)
+    _invert(b, f, blocks, block)
+    widest_x, widest_y = -1.0, -1.0
+    for c in range(blocks.size):
+        widest_x, widest_y = max(widest_x, f[_XX + c]), max(widest_y, f[_YY + c])
+    _load_middle(b, s, here)
+    return int(REACH_SIGMA * np.sqrt(widest_x)), int(REACH_SIGMA * np.sqrt(widest_y))
+
+
+@njit(cache=True, error_model="numpy")
+def _load_middle(b: Float32Array, s: Surface, here: int) -> None:
+    """Begin the sums with the cells themselves."""
     for c in range(CHUNK):
         p = np.uint64(here + c)
         b[_MIDDLE + c], b[_SUM + c], b[_SUM_H + c] = s.height_m[p], s.share[p], _ZERO
         b[_SUM_HH + c] = s.square_m2[p]
         b[_LOW + c], b[_HIGH + c] = s.lower_m[p], s.upper_m[p]
-    return reach_x, reach_y
 
 
 @njit(cache=True, error_model="numpy")
@@ -387,7 +234,7 @@ def integrate(
         out: the result.
     """
     line = s.share.shape[1]
-    b = np.zeros(_SIZE, np.float32)
+    b, f = np.zeros(_SIZE, np.float32), np.zeros(_FORM)
     flat = Surface(
         s.share.reshape(-1),
         s.height_m.reshape(-1),
@@ -398,7 +245,7 @@ def integrate(
     for row in range(out.elevation_m.shape[0]):
         for column in range(0, out.elevation_m.shape[1], CHUNK):
             here = (first[0] + row) * line + first[1] + column
-            reach_x, reach_y = _begin(b, flat, here, places, row, column, block, table)
+            reach_x, reach_y = _begin(b, f, flat, here, places, row, column, block, table)
             if reach_x < 0:
                 continue
             for j in range(reach_y + 1):

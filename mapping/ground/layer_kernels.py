@@ -22,7 +22,7 @@ Moments = tuple[float, float, float, float, float, float]
 
 # Columns that are worked on together: their sums stay in the cache, and stand at constant distances
 # from each other, so that the compiler can turn loops into vector instructions.
-_CHUNK = 64
+_CHUNK = 152
 # Sums over a part of a row: cells, x, z, x^2, x z, z^2, noise, variance.
 _N, _X, _Z, _XX, _XZ, _ZZ, _S, _V, _ROW_SUMS = range(0, 9 * _CHUNK, _CHUNK)
 # Sums over a disc: those of its rows; then y, x y, y z, which are y times the first three; y^2.
@@ -76,7 +76,7 @@ def plane_layers(cells: Cells, half: IntArray, cells_min: int, out: PlaneLayers)
         cells: the cells.
         half: the disc.
         cells_min: discs of fewer cells get NaN, and those whose centre does not count.
-        out: the result, all NaN before.
+        out: the result.
     """
     reach = half.size - 1
     rows, columns = cells.use.shape
@@ -113,13 +113,23 @@ def _load_row(cells: Cells, i: int, first: int, row: Float64Array) -> None:
     """
     scale = 1.0 / cells.edge_m
     row[:] = 0.0
-    for j in range(max(-first, 0), min(row.shape[1], cells.use.shape[1] - first)):
-        k = first + j
-        counts = cells.use[i, k]
-        row[0, j] = 1.0 if counts else 0.0
-        row[1, j] = scale * (cells.height_m[i, k] - cells.middle_m) if counts else 0.0
-        row[2, j] = scale * scale * cells.noise_m2[i, k] if counts else 0.0
-        row[3, j] = scale * scale * cells.local_m2[i, k] if counts else 0.0
+    start, end = max(-first, 0), min(row.shape[1], cells.use.shape[1] - first)
+    there = slice(first + start, first + end)
+    use = cells.use[i][there]
+    for j in range(use.size):
+        row[0, start + j] = 1.0 if use[j] else 0.0
+    _load(row[1][start:], use, cells.height_m[i][there], cells.middle_m, scale)
+    _load(row[2][start:], use, cells.noise_m2[i][there], 0.0, scale * scale)
+    _load(row[3][start:], use, cells.local_m2[i][there], 0.0, scale * scale)
+
+
+@njit(cache=True, error_model="numpy")
+def _load(
+    row: Float64Array, use: NDArray[np.bool_], values: Float32Array, middle: float, scale: float
+) -> None:
+    for j in range(use.size):
+        value = scale * (values[j] - middle)
+        row[j] = value if use[j] else 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -254,84 +264,19 @@ def _write(
     out: PlaneLayers,
 ) -> None:
     """Write the layers of row `i` where a cell counts and its disc has enough cells and a plane."""
-    for j in range(min(_CHUNK, cells.use.shape[1] - first)):
-        k = first + j
-        if cells.use[i, k] and disc[_N + j] >= cells_min and plane[_NZ + j] >= 0.0:
-            out.normal_x[i, k], out.normal_y[i, k] = plane[_NX + j], plane[_NY + j]
-            out.normal_z[i, k], out.slope_sigma_rad[i, k] = plane[_NZ + j], plane[_SIGMA + j]
-            out.roughness_m[i, k] = plane[_ROUGH + j]
-            out.roughness_noise_m[i, k] = plane[_NOISE + j]
+    use = cells.use[i][first:][:_CHUNK]
+    for j in range(use.size):
+        counts = use[j] & (disc[_N + j] >= cells_min) & (plane[_NZ + j] >= 0.0)
+        plane[_OPEN + j] = 0.0 if counts else np.nan  # added to what is written
+    _store(plane, _NX, out.normal_x[i][first:][:_CHUNK])
+    _store(plane, _NY, out.normal_y[i][first:][:_CHUNK])
+    _store(plane, _NZ, out.normal_z[i][first:][:_CHUNK])
+    _store(plane, _SIGMA, out.slope_sigma_rad[i][first:][:_CHUNK])
+    _store(plane, _ROUGH, out.roughness_m[i][first:][:_CHUNK])
+    _store(plane, _NOISE, out.roughness_noise_m[i][first:][:_CHUNK])
 
 
-@njit(cache=True, error_model="numpy")
-def step_heights(
-    high: Float32Array, low: Float32Array, half: IntArray, cells_min: int, out: Float32Array
-) -> None:
-    """Write the range of heights in every disc.
-
-    Args:
-        high, low: padded heights; -inf and inf where there is no cell.
-        half: the disc.
-        cells_min: discs with fewer cells stay as they are, and those whose centre is no cell.
-        out: (rows, columns), all NaN before.
-    """
-    reach = half.size - 1
-    rows, columns = out.shape
-    top, bottom = np.empty(columns, np.float32), np.empty(columns, np.float32)
-    count = np.empty(columns, np.int32)
-    for i in range(rows):
-        top[:], bottom[:], count[:] = -np.inf, np.inf, 0
-        for dy in range(-reach, reach + 1):
-            row = i + reach + dy
-            for dx in range(reach - half[abs(dy)], reach + half[abs(dy)] + 1):
-                _raise(top, high[row, dx : dx + columns])
-                _lower(bottom, low[row, dx : dx + columns])
-                _count_above(count, high[row, dx : dx + columns], -np.inf)
-        for j in range(columns):
-            if high[i + reach, j + reach] > -np.inf and count[j] >= cells_min:
-                out[i, j] = top[j] - bottom[j]
-
-
-@njit(cache=True, error_model="numpy")
-def supported_steps(
-    steps: Float32Array, half: IntArray, critical_m: float, critical_cells: int, out: Float32Array
-) -> None:
-    """Write min(1, steps above critical / critical_cells) times the largest step of every disc.
-
-    Args:
-        steps: padded; -inf where there is none.
-        half: the disc.
-        critical_m, critical_cells: a step counts from this height, and fully with so many.
-        out: (rows, columns), all NaN before; stays so where the centre has no step.
-    """
-    reach = half.size - 1
-    rows, columns = out.shape
-    top, count = np.empty(columns, np.float32), np.empty(columns, np.int32)
-    for i in range(rows):
-        top[:], count[:] = -np.inf, 0
-        for dy in range(-reach, reach + 1):
-            row = i + reach + dy
-            for dx in range(reach - half[abs(dy)], reach + half[abs(dy)] + 1):
-                _raise(top, steps[row, dx : dx + columns])
-                _count_above(count, steps[row, dx : dx + columns], critical_m)
-        for j in range(columns):
-            if steps[i + reach, j + reach] > -np.inf:
-                out[i, j] = top[j] * min(1.0, count[j] / critical_cells)
-
-
-@njit(cache=True, error_model="numpy")
-def _raise(top: Float32Array, values: Float32Array) -> None:
-    for j in range(top.size):
-        top[j] = max(top[j], values[j])
-
-
-@njit(cache=True, error_model="numpy")
-def _lower(bottom: Float32Array, values: Float32Array) -> None:
-    for j in range(bottom.size):
-        bottom[j] = min(bottom[j], values[j])
-
-
-@njit(cache=True, error_model="numpy")
-def _count_above(count: NDArray[np.int32], values: Float32Array, limit: float) -> None:
-    for j in range(count.size):
-        count[j] += values[j] > limit
+@njit(inline="always")
+def _store(plane: Float64Array, what: int, out: Float32Array) -> None:
+    for j in range(out.size):
+        out[j] = np.float32(plane[what + j] + plane[_OPEN + j])
