@@ -52,7 +52,7 @@ _COMMANDS = {
     "export": _Command("convert a map to GeoTIFF, PLY, PNG; draw it", "mapping.output.commands"),
     "evaluate": _Command("compare a map or a way with the truth", "mapping.judging.commands"),
     "calibrate": _Command("make calibration files on a rig", "calibration_rigs.commands"),
-    "warmup": _Command("compile the mapping kernels now", "mapping.commands"),
+    "warmup": _Command("compile what is compiled once, now", "mapping.commands"),
 }
 
 

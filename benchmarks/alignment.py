@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.messages.frames import BASE_FRAME, DEPTH_OPTICAL_FRAME
-from benchmarks.in_the_loop import Drive, make_drive
+from benchmarks.drives import Drive, make_drive
 from drivers.samples import DepthFrame
 from mapping.alignment.frame_points import PointGrouper
 from mapping.alignment.fusion import fuse_pose, moved, pose_difference

@@ -20,6 +20,7 @@ sys.path[0] = str(Path(__file__).resolve().parents[1])
 
 import argparse
 import json
+import resource
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -290,8 +291,15 @@ def _print(rows: list[Row], whole: list[WholeMap], copy_gb_s: float) -> None:
             f"{r.roofline_share:>9.0%} {r.times_numpy:>5.0f}x"
         )
     print("load, reduce: ns a point; update: ns a touched cell; other: ms; layers, moved: MB")
-    print(f"roofline: {copy_gb_s:.1f} GB/s, read and written together, when memory is copied")
-    print(f"a cell takes {BYTES_PER_CELL} bytes, a motion 64")
+    full = next(r for r in rows if (r.image, r.cell_m, r.window_m) == ("640x480", 0.02, 6.0))
+    least_ms = full.moved_mb / copy_gb_s
+    print(f"roofline: memory is copied at {copy_gb_s:.1f} GB/s, read and written together; a frame")
+    print(
+        f"  of 640x480 (2 cm, 6 m) moves {full.moved_mb:.1f} MB: {least_ms:.2f} ms at that speed,"
+    )
+    print(f"  of the {full.frame_ms:.2f} ms that it takes")
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    print(f"a cell takes {BYTES_PER_CELL} bytes, a motion 64; this process took {peak_mb:.0f} MB")
     for step in whole:
         print(f"{step.step:<17} {step.ms:>8.3f} ms {step.mcell_s:>12.1f} Mcell/s")
 

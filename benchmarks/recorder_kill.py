@@ -1,9 +1,10 @@
-"""Kill the recorder at random moments; every file must be readable, and little may be lost.
+"""Kill the recorder at random moments: what is lost, what is readable, what `recover` restores.
 
     python -m benchmarks.recorder_kill --kills 100 --json kills.json
 
 What is lost is counted from the last stamp that any source had taken when the kill came to the
-last log time that is read back. The bar is 100 ms.
+last log time that is read back. The bar is 100 ms. Each file must be readable without damage,
+and what `recover` makes of it must have an index and counts that mcap itself agrees with.
 """
 
 from __future__ import annotations
@@ -15,9 +16,13 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 
+from mcap.reader import make_reader
+
 from acquisition.recovery.container import Container
+from acquisition.recovery.recover import recover
 from acquisition.stream.byte_source import FinishedFile
 from benchmarks.recorder_victim import SLOT, SOURCES
 
@@ -55,7 +60,8 @@ def kill_once(folder: Path, number: int, after_s: float) -> float:
     """Kill a recorder so long after its first sample; return what is lost, ms.
 
     Raises:
-        RuntimeError: the file has damage, or no message of some source can be read.
+        RuntimeError: the file has damage, no message of some source can be read, or its recovery
+            lacks messages or an index.
     """
     out, stamps = folder / f"{number}.mcap", folder / f"{number}.stamps"
     stamps.write_bytes(bytes(SLOT.size * SOURCES))
@@ -66,7 +72,8 @@ def kill_once(folder: Path, number: int, after_s: float) -> float:
         time.sleep(after_s)
         victim.kill()
     taken_ns = max(last_stamps(stamps))
-    kept_ns = last_log_time_ns(out)
+    kept_ns, counts = what_is_left(out)
+    check_recovery(out, counts)
     out.unlink()
     return (taken_ns - kept_ns) * 1e-6
 
@@ -76,22 +83,45 @@ def last_stamps(stamps: Path) -> list[int]:
     return [value for (value,) in SLOT.iter_unpack(stamps.read_bytes())]
 
 
-def last_log_time_ns(path: Path) -> int:
-    """Return the latest log time that can be read back.
+def what_is_left(path: Path) -> tuple[int, Counter[str]]:
+    """Return the latest log time that can be read back, and the number of messages by topic.
 
     Raises:
         RuntimeError: the file has damage, or fewer topics than there are sources.
     """
-    topics = set()
+    counts: Counter[str] = Counter()
     last_ns = 0
     with FinishedFile(path) as file:
         container = Container(file)
         for message in container:
-            topics.add(message.topic)
+            counts[message.topic] += 1
             last_ns = max(last_ns, message.log_time_ns)
-    if container.damaged or len(topics) < SOURCES:
-        raise RuntimeError(f"{path}: {container.damaged}, topics {sorted(topics)}")
-    return last_ns
+    if container.damaged or len(counts) < SOURCES:
+        raise RuntimeError(f"{path}: {container.damaged}, topics {sorted(counts)}")
+    return last_ns, counts
+
+
+def check_recovery(path: Path, counts: Counter[str]) -> None:
+    """Recover the file, and let mcap's own reader find all of it by the index.
+
+    Raises:
+        RuntimeError: it does not.
+    """
+    recovered = path.with_suffix(".recovered.mcap")
+    recover(path, recovered)
+    with recovered.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        if summary is None or summary.statistics is None or not summary.chunk_indexes:
+            raise RuntimeError(f"{recovered}: no index")
+        told = {
+            summary.channels[number].topic: count
+            for number, count in summary.statistics.channel_message_counts.items()
+        }
+        found = Counter(channel.topic for _, channel, _ in reader.iter_messages())
+    recovered.unlink()
+    if not told == dict(found) == dict(counts):
+        raise RuntimeError(f"{recovered}: counts {told}, messages {found}, before {counts}")
 
 
 if __name__ == "__main__":

@@ -88,7 +88,11 @@ class Source(Protocol):
 
 
 class OpenSource:
-    """`with OpenSource(source) as info:` opens on entry and closes on every way out."""
+    """`with OpenSource(source) as opened:` opens on entry and closes on every way out.
+
+    Attributes:
+        info: what `open` found; None before.
+    """
 
     def __init__(self, source: Source) -> None:
         self._source = source

@@ -274,6 +274,9 @@ def add_warmup_arguments(_: argparse.ArgumentParser) -> None:
 
 def run_warmup(_: argparse.Namespace, console: Console) -> int:
     """Compile the kernels now, not at the first frame."""
+    from acquisition.commands.console import prepare_depth_code
+
     prepare_kernels(console)
-    console.lines(["the mapping kernels are compiled and cached"])
+    prepare_depth_code(console)
+    console.lines(["the mapping kernels and the code for depth images are compiled and cached"])
     return OK

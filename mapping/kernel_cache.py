@@ -1,12 +1,10 @@
-"""Compiled kernels: where numba keeps them, whether they are there, and making them."""
+"""The mapping kernels: whether they are compiled, and compiling them."""
 
 from __future__ import annotations
 
-import contextlib
-from pathlib import Path
-
 import numpy as np
 
+from acquisition.kernel_cache import are_cached, note_use
 from drivers.samples import CameraIntrinsics
 from mapping import measurement_kernels
 from mapping.alignment import plane_kernels, point_kernels, residual_kernels
@@ -53,34 +51,7 @@ _ENTRY_POINTS = (
 
 def kernels_are_cached() -> bool:
     """Tell whether the mapping kernels were compiled earlier by this installation."""
-    return all(any(map(_is_newer, _indices(kernel))) for kernel in _ENTRY_POINTS)
-
-
-def _indices(kernel: object) -> list[tuple[Path, Path]]:
-    """Return numba's index files of a kernel, each with the kernel's source."""
-    function = kernel.py_func  # type: ignore[attr-defined] # numba has no type information
-    folder = Path(kernel.stats.cache_path)  # type: ignore[attr-defined]
-    source = Path(function.__code__.co_filename)
-    pattern = f"{source.stem}.{function.__name__}-*.nbi"
-    return [(index, source) for index in folder.glob(pattern)]
-
-
-def _is_newer(pair: tuple[Path, Path]) -> bool:
-    index, source = pair
-    return index.stat().st_mtime >= source.stat().st_mtime
-
-
-def _note_use() -> None:
-    """Give the index files the time of now, where that is permitted.
-
-    numba goes by the content of the source: an index that is older than its source, as after a
-    checkout, may have served all the same.
-    """
-    for kernel in _ENTRY_POINTS:
-        for pair in _indices(kernel):
-            if not _is_newer(pair):
-                with contextlib.suppress(PermissionError):
-                    pair[0].touch()
+    return are_cached(_ENTRY_POINTS)
 
 
 def compile_kernels() -> None:
@@ -106,4 +77,4 @@ def compile_kernels() -> None:
     derive(map_)
     fuse_map(map_)
     fill_gaps(map_, settings.resolution_m)
-    _note_use()
+    note_use(_ENTRY_POINTS)

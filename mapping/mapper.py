@@ -33,6 +33,7 @@ from mapping.motion.ledger import MotionLedger
 from mapping.motion.pose_errors import PoseErrorModel
 from mapping.motion.read_out import Rover
 from mapping.motion.relative import RelativeMotion
+from mapping.motion.repeats import Repeats
 from mapping.motion.run_state import RunState
 from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
@@ -87,7 +88,9 @@ class Mapper:
         self._grid = grid or make_grid(settings)
         before = self._grid.run
         wanted = self.pose_errors.motion_covariance
-        self._ledger = MotionLedger(with_covariance=wanted, before=before.rover.motions)
+        self._ledger = MotionLedger(
+            with_covariance=wanted or is_aligned(settings), before=before.rover.motions
+        )
         self._rover_m = before.rover.x_m, before.rover.y_m
         self._last = before.pose
         self._fusion = fusion_constants(settings)
@@ -96,6 +99,7 @@ class Mapper:
         if settings.pose_source != "mocap":
             self._motion = MotionTracker(self._poses, with_covariance=wanted, told=before.told)
         self._mounts = MountTree()
+        self._repeats = Repeats(jittering=settings.pose_source == "mocap")
         self._localiser: Localiser | None = None
         if is_aligned(settings):
             self._localiser = Localiser(
@@ -223,12 +227,13 @@ class Mapper:
             pose = self._localiser.refine(reducers[0], prior, mount, self._grid)
         if pose is None:
             return
-        self._follow(pose)
+        self._follow(pose, is_free=self._localiser is not None and not self._localiser.is_held)
         counted = replace(pose, covariance=frame_covariance(pose.covariance, self.pose_errors))
         view = View(counted, pose.transform @ mount)
         farthest = max(reducers, key=lambda reducer: reducer.noise.range_max_m)
         window = self._grid.prepare(farthest.footprint(view), *self._rover_m)
-        constants = [self._constants(reducer, view, window) for reducer in reducers]
+        repeats = self._repeats.count(view.T_terrain_sensor, counted)
+        constants = [self._constants(reducer, view, window, repeats) for reducer in reducers]
         sums = [
             self._reduce(reducer, count, view, window, c)
             for reducer, count, c in zip(reducers, readings, constants, strict=True)
@@ -247,7 +252,9 @@ class Mapper:
         """Take a frame's readings; return how many are left without those of the rover itself."""
         return reducer.load(frame.depth_mm) - self._drop_own_body(reducer)
 
-    def _constants(self, reducer: FrameReducer, view: View, window: CellWindow) -> FrameConstants:
+    def _constants(
+        self, reducer: FrameReducer, view: View, window: CellWindow, repeats: int
+    ) -> FrameConstants:
         """Return what the update needs to know of this frame, its pose's errors among it."""
         constants = reducer.frame_constants(view, window, self._grid.position(window))
         errors = self.pose_errors
@@ -255,6 +262,7 @@ class Mapper:
             frame_m2=errors.frame_sigma_m**2,
             frame_rad2=errors.frame_sigma_rad**2,
             drift_per_m=errors.drift_per_m,
+            repeats=float(repeats),
         )
 
     def _reduce(
@@ -278,11 +286,11 @@ class Mapper:
         """Follow the rover though there is no depth."""
         latest = self._poses.latest
         if latest is not None:
-            self._follow(latest)
+            self._follow(latest, is_free=self._localiser is not None)
 
-    def _follow(self, pose: UncertainPose) -> None:
-        """Let the map know how the rover has moved."""
-        motion = self._motion.step(pose) if self._motion else None
+    def _follow(self, pose: UncertainPose, *, is_free: bool) -> None:
+        """Let the map know how the rover has moved, and whether no map held it on the way."""
+        motion = self._motion.step(pose, is_free=is_free) if self._motion else None
         if motion is not None:
             self.move(motion)
         x_m, y_m, _ = pose.transform.translation_m.tolist()

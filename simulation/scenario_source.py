@@ -22,7 +22,7 @@ from drivers.samples import (
     YawRateSample,
     frozen_array,
 )
-from drivers.source import SourceInfo
+from drivers.source import SourceInfo, TickCounter
 from simulation.devices.depth_faults import with_patches
 from simulation.errors import SimulationError
 from simulation.faults import arriving
@@ -91,7 +91,7 @@ class ScenarioSource:
         Raises:
             SimulationError: the vehicle fell over or left the ground.
         """
-        wanted = self.scenario
+        wanted, vibration = self.scenario, self.scenario.options.vibration
         if self._run is None:
             self._run = simulate_vehicle(
                 wanted.ground,
@@ -110,6 +110,7 @@ class ScenarioSource:
             produces=_KINDS,
             time_base="recorded",
             details=self._details(),
+            counter=TickCounter(1.0 / vibration.tick_s, vibration.wrap_ticks),
         )
 
     def _details(self) -> dict[str, str]:

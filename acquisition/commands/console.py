@@ -52,3 +52,12 @@ def show(console: Console, result: Describable, *, as_json: bool) -> None:
         console.json(result.as_json())
     else:
         console.lines(result.describe())
+
+
+def prepare_depth_code(console: Console) -> None:
+    """Load the code for depth images; where this installation never compiled it, say so and do."""
+    from acquisition.messages.depth_rvl import prepare_rvl, rvl_is_cached
+
+    if not rvl_is_cached():
+        console.note("compiling the code for depth images; once per installation, a few seconds")
+    prepare_rvl()

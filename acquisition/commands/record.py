@@ -14,7 +14,14 @@ from threading import Event, Timer
 from typing import TYPE_CHECKING
 
 from acquisition.commands.arguments import product, seconds
-from acquisition.commands.console import CHECK_FAILED, OK, Board, Console, show
+from acquisition.commands.console import (
+    CHECK_FAILED,
+    OK,
+    Board,
+    Console,
+    prepare_depth_code,
+    show,
+)
 
 if TYPE_CHECKING:
     from acquisition.config.rover_file import LoadedConfig
@@ -66,6 +73,7 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
     from acquisition.clocks.host_clock import HostClock
     from acquisition.config.use import output_of, plan_of, recording_path, sources_of
     from acquisition.health.snapshot import as_json
+    from acquisition.health.views import totals_of
     from acquisition.recording.recorder import Recorder
     from acquisition.recording.service import ServiceNotifier
 
@@ -75,6 +83,8 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
     sources = sources_of(loaded)
     plan = plan_of(loaded, sources)
     plan = replace(plan, require_all=plan.require_all or options.require)
+    if plan.depth_format == "rvl":
+        prepare_depth_code(console)
     recorder = Recorder(sources, output, plan, clock)
     notifier = ServiceNotifier.from_environment()
     with _stop_event(options.seconds, output) as stop, console.board() as board:
@@ -86,8 +96,8 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
         result = recorder.run(stop, beat)
     notifier.stopping(result.message)
     failed = result.outcome == "output_failed" or bool(result.hanging)
+    files = [str(file) for file in result.files]
     if options.json:
-        files = [str(file) for file in result.files]
         console.json(
             {
                 "outcome": result.outcome,
@@ -99,7 +109,9 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
             }
         )
     else:
-        console.lines([result.message, *(str(file) for file in result.files)])
+        console.lines([result.message, *files, *totals_of(result.health)])
+    if result.unwritten:
+        console.note(f"warning: {result.unwritten} samples were read but could not be written")
     if result.hanging:
         console.note(f"warning: these devices did not stop: {', '.join(result.hanging)}")
     return CHECK_FAILED if failed else OK
@@ -118,7 +130,7 @@ def _stop_event(seconds: float | None, output: RecordingOutput) -> Iterator[Even
     trigger: Callable[[], object] = getattr(output, "trigger", lambda: None)
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in _STOP_SIGNALS}
     before[signal.SIGUSR1] = signal.signal(signal.SIGUSR1, lambda *_: trigger())
-    timer = Timer(seconds, stop.set) if seconds else None
+    timer = None if seconds is None else Timer(seconds, stop.set)
     if timer:
         timer.start()
     try:

@@ -119,6 +119,8 @@ class AlignmentSection(_Strict):
     form: Literal["6-dof", "z-roll-pitch"] = "6-dof"
     floor_m: _Positive = 0.001
     floor_rad: _Positive = math.radians(0.1)
+    prior_sigma_m: _Positive = 0.01
+    prior_sigma_rad: _Positive = math.radians(1.0)
     full_points: _Count = 700
     observable_m: _Positive = 0.006
     lever_m: _Positive = 1.5
@@ -170,7 +172,7 @@ class MapSection(_Strict):
     sigma_ceiling_m: _Positive = 1.0
     common_correlation_time_s: _NotNegative = 0.3
     relief_share: _NotNegative = 0.02
-    relief_frames: _NotNegative = 5.0
+    relief_frames: _NotNegative = 1.0
     range_min_m: _Positive = 0.4
     range_max_m: _Positive = 4.0
     confirmed_frames: _Count = 2

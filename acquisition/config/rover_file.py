@@ -47,11 +47,22 @@ def load(path: Path) -> LoadedConfig:
         ConfigError: unreadable, no TOML, or a key or value that is not expected; with file and
             line of the first problem, and the number of the others.
     """
+    return parse(read(path), path)
+
+
+def read(path: Path) -> str:
+    """Return the file's text.
+
+    Raises:
+        ConfigError: it is not there, or no text.
+    """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        hint = "; `terravibe config init` makes one" if isinstance(error, FileNotFoundError) else ""
+        raise ConfigError(f"cannot read {path}: {error.strerror}{hint}") from error
+    except UnicodeDecodeError as error:
         raise ConfigError(f"cannot read {path}: {error}") from error
-    return parse(text, path)
 
 
 def parse(text: str, path: Path) -> LoadedConfig:

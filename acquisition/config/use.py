@@ -19,7 +19,7 @@ from acquisition.config.model import (
     Mount,
     RoverConfig,
 )
-from acquisition.config.rover_file import LoadedConfig, load
+from acquisition.config.rover_file import LoadedConfig, parse, read
 from acquisition.config.suggestion import suggestion
 from acquisition.errors import ConfigError
 from acquisition.messages import codec
@@ -196,9 +196,14 @@ def output_of(loaded: LoadedConfig, path: Path) -> RecordingOutput:
 
 
 def check(path: Path) -> list[str]:
-    """Return everything that is wrong with a configuration, one line each; touches no device."""
+    """Return everything that is wrong with a configuration, one line each; touches no device.
+
+    Raises:
+        ConfigError: the file cannot be read.
+    """
+    text = read(path)
     try:
-        loaded = load(path)
+        loaded = parse(text, path)
     except ConfigError as error:
         return [str(error)]
     found: list[str] = []

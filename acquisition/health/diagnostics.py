@@ -47,10 +47,12 @@ class Diagnostics:
     statuses: tuple[DeviceStatus, ...]
 
 
-def encode_diagnostics(diagnostics: Diagnostics) -> ros.diagnostic_msgs__msg__DiagnosticArray:
+def encode_diagnostics(
+    diagnostics: Diagnostics, t_ns: int, _sequence: int
+) -> ros.diagnostic_msgs__msg__DiagnosticArray:
     """Return the ROS message."""
     return ros.diagnostic_msgs__msg__DiagnosticArray(
-        fields.ros_header(diagnostics.t_ns, ""),
+        fields.ros_header(t_ns, ""),
         [_encode_status(status) for status in diagnostics.statuses],
     )
 

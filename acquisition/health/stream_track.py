@@ -43,7 +43,8 @@ class StreamTrack:
 
     def __init__(self, nominal_rate_hz: float | None) -> None:
         self._nominal_rate_hz = nominal_rate_hz
-        self._period_ns = 1e9 / nominal_rate_hz if nominal_rate_hz else 0.0
+        # The longest step that is no gap; any may be one or not while the period is unknown.
+        self._longest_ns = MAX_GAP_PERIODS * 1e9 / nominal_rate_hz if nominal_rate_hz else math.inf
         self._samples = self._missed = self._gaps = self._backwards = 0
         self._gap_ns = self._longest_gap_ns = 0
         self._last_ns: int | None = None
@@ -54,7 +55,7 @@ class StreamTrack:
         self._new_interval()
 
     def _new_interval(self) -> None:
-        self._in_interval = 0
+        self._samples_before = self._samples
         self._steps = 0
         self._sum_ns = self._sum_squares_ns2 = 0.0
 
@@ -73,14 +74,16 @@ class StreamTrack:
         Returns:
             Its number in the recording, and how many of `dropped` were of this stream.
         """
-        dropped_here = self._count_missed(sequence, reopened=reopened, dropped=dropped)
-        self._last_sequence = sequence + self._sequence_offset
+        number, dropped_here = sequence + self._sequence_offset, 0
+        if number != self._last_sequence + 1:
+            dropped_here = self._count_missed(sequence, reopened=reopened, dropped=dropped)
+            number = sequence + self._sequence_offset
+        self._last_sequence = number
         self._samples += 1
-        self._in_interval += 1
-        if self._last_ns is not None:
-            self._count_step(t_ns - self._last_ns, reopened=reopened)
-        self._last_ns = t_ns
-        return self._last_sequence, dropped_here
+        last_ns, self._last_ns = self._last_ns, t_ns
+        if last_ns is not None:
+            self._count_step(t_ns - last_ns, reopened=reopened)
+        return number, dropped_here
 
     def _count_missed(self, sequence: int, *, reopened: bool, dropped: int) -> int:
         lost = sequence + self._sequence_offset - self._last_sequence - 1
@@ -94,19 +97,18 @@ class StreamTrack:
         return dropped_here
 
     def _count_step(self, step_ns: int, *, reopened: bool) -> None:
-        if step_ns < 0:
+        if 0 <= step_ns <= self._longest_ns and not reopened:
+            self._steps += 1
+            self._sum_ns += step_ns
+            self._sum_squares_ns2 += float(step_ns) * step_ns
+            if self._nominal_rate_hz is None:
+                self._learn_period(step_ns)
+        elif step_ns < 0:
             self._backwards += 1
-            return
-        if reopened or (self._period_ns and step_ns > MAX_GAP_PERIODS * self._period_ns):
+        else:
             self._gaps += 1
             self._gap_ns += step_ns
             self._longest_gap_ns = max(self._longest_gap_ns, step_ns)
-            return
-        self._steps += 1
-        self._sum_ns += step_ns
-        self._sum_squares_ns2 += float(step_ns) * step_ns
-        if self._nominal_rate_hz is None:
-            self._learn_period(step_ns)
 
     def _learn_period(self, step_ns: int) -> None:
         """Estimate the period of a source that does not tell it: the mean, then a slow filter."""
@@ -114,10 +116,11 @@ class StreamTrack:
         weight = max(1.0 / self._learnt_steps, _PERIOD_WEIGHT)
         self._learnt_ns += weight * (step_ns - self._learnt_ns)
         if self._learnt_steps >= _TRUSTED_AFTER:
-            self._period_ns = self._learnt_ns
+            self._longest_ns = MAX_GAP_PERIODS * self._learnt_ns
 
     def end_interval(self, duration_s: float) -> StreamStatistics:
         """Return the figures, those of the interval included, and begin the next interval."""
+        in_interval = self._samples - self._samples_before
         statistics = StreamStatistics(
             samples=self._samples,
             missed=self._missed,
@@ -125,7 +128,7 @@ class StreamTrack:
             gap_s=self._gap_ns * 1e-9,
             longest_gap_s=self._longest_gap_ns * 1e-9,
             backwards=self._backwards,
-            rate_hz=self._in_interval / duration_s if self._in_interval else None,
+            rate_hz=in_interval / duration_s if in_interval else None,
             nominal_rate_hz=self._nominal_rate_hz,
             jitter_s=self._jitter_s(),
         )

@@ -34,6 +34,22 @@ def lines_of(snapshot: HealthSnapshot) -> list[str]:
     return lines + [f"WARN {warning}" for warning in snapshot.warnings]
 
 
+def totals_of(snapshot: HealthSnapshot) -> list[str]:
+    """Return what each source has given in the whole recording, one line each."""
+    return [f"  {source.name}: {_total(source)}" for source in snapshot.sources]
+
+
+def _total(source: SourceHealth) -> str:
+    figures = [stream.statistics for stream in source.streams]
+    samples = sum(s.samples for s in figures)
+    if not samples:
+        return f"nothing; {source.error or source.state}"
+    gaps, missed = sum(s.gaps for s in figures), sum(s.missed for s in figures)
+    lost = f"{gaps} gaps, {missed} missing, {source.queue.dropped} dropped"
+    away = f", lost {source.losses} times" if source.losses else ""
+    return f"{samples} samples, {lost}{away}"
+
+
 def table_of(snapshot: HealthSnapshot) -> Table:
     """Return the snapshot as a rich table, to be shown by whoever owns the terminal."""
     from rich.table import Table

@@ -13,7 +13,7 @@ _UNSIGNED = ("host_monotonic_ns", "host_raw_ns", "host_real_ns", "device_ticks")
 _SIGNED = ("offset_ns", "event_ns")
 
 
-def encode_clock(sample: ClockSample) -> object:
+def encode_clock(sample: ClockSample, t_ns: int, _sequence: int) -> object:
     """Return the sample as a message."""
     ticks = sample.device_ticks
     values = {name: getattr(sample, name) or 0 for name in (*_UNSIGNED, *_SIGNED)}
@@ -22,7 +22,7 @@ def encode_clock(sample: ClockSample) -> object:
     if not math.isfinite(sample.skew_ppm):
         raise ValueError(f"skew is not finite: {sample.skew_ppm}")
     return ros_class(CLOCK_TYPE)(
-        header=fields.ros_header(sample.t_ns, sample.source),
+        header=fields.ros_header(t_ns, sample.source),
         boot_id=sample.boot_id,
         has_device_ticks=ticks is not None,
         skew_ppm=sample.skew_ppm,

@@ -102,16 +102,16 @@ class MessageType:
         topic: where the message is published.
         ros_type: its ROS 2 type, "package/msg/Name".
         sample_type: the type of which `encode` makes this message.
-        encode: sample to its CDR bytes, or to a ROS message object that is still to be
-            serialised, or None where the sample has nothing to say here; ValueError with the
-            reason.
+        encode: sample, its time and its number in the stream to its CDR bytes, or to a ROS
+            message object that is still to be serialised, or None where the sample has nothing
+            to say here; ValueError with the reason.
         decode: ROS message object and sequence number to record; ValueError with the reason.
     """
 
     topic: str
     ros_type: str
     sample_type: type[Recordable]
-    encode: Callable[[Any], object | None]
+    encode: Callable[[Any, int, int], object | None]
     decode: Callable[[Any, int], Record]
 
 
@@ -136,6 +136,11 @@ class EncodedMessage(NamedTuple):
 def schema_text(ros_type: str) -> str:
     """Return the ros2msg definition of a type, its parts included."""
     return typestore().generate_msgdef(ros_type, ros_version=2)[0]
+
+
+def prepare(row: MessageType) -> None:
+    """Make rosbags' code for a type now: milliseconds for which no first sample has to wait."""
+    typestore().get_msgdef(row.ros_type)
 
 
 def types_of(sample_types: Sequence[type[Recordable]]) -> list[MessageType]:
@@ -167,17 +172,39 @@ def encode(sample: Recordable, left_out: Container[str] = _RAW) -> list[EncodedM
         StreamError: the sample cannot be told as a message (time or sequence out of range,
             not finite, wrong shape); names the topic and the time.
     """
-    encoded: list[EncodedMessage] = []
-    for row in rows_of(type(sample)):
-        if row.topic in left_out:
-            continue
+    number = 0 if isinstance(sample, _UNNUMBERED) else sample.sequence
+    rows = [row for row in rows_of(type(sample)) if row.topic not in left_out]
+    return [
+        EncodedMessage(row.topic, parts)
+        for row, parts in zip(rows, encode_rows(sample, rows, sample.t_ns, number), strict=True)
+        if parts is not None
+    ]
+
+
+def encode_rows(
+    sample: Recordable, rows: Sequence[MessageType], t_ns: int, sequence: int
+) -> list[Parts | None]:
+    """Return the CDR bytes of each of these messages, None for one that has nothing to say.
+
+    Args:
+        sample: the sample.
+        rows: the messages that it is written as.
+        t_ns: its time in the stream, which takes the place of its own.
+        sequence: its number in the stream, likewise; 0 to 2^32-1.
+
+    Raises:
+        StreamError: as `encode`.
+    """
+    encoded: list[Parts | None] = []
+    for row in rows:
         try:
-            message = row.encode(sample)
-            if message is not None:
-                parts = message if isinstance(message, tuple) else _serialise(message, row)
-                encoded.append(EncodedMessage(row.topic, parts))
+            message = row.encode(sample, t_ns, sequence)
+            if message is None or type(message) is tuple:
+                encoded.append(message)
+            else:
+                encoded.append(_serialise(message, row))
         except (ValueError, struct.error) as error:
-            raise StreamError(f"cannot write {row.topic} at {sample.t_ns} ns: {error}") from error
+            raise StreamError(f"cannot write {row.topic} at {t_ns} ns: {error}") from error
     return encoded
 
 
@@ -198,19 +225,21 @@ def decode(row: MessageType, cdr: bytes, *, log_time_ns: int, sequence: int) -> 
         raise StreamError(f"bad message on {row.topic} at {log_time_ns} ns: {reason}") from error
 
 
-def checked_sequence(sample: Recordable) -> int:
-    """Return the sample's sequence number; 0 for what has none.
+def checked_sequence(sample: Recordable, sequence: int | None = None) -> int:
+    """Return the number under which a sample is written; 0 for what has none.
+
+    Args:
+        sample: the sample.
+        sequence: its number in the stream; without one, its own.
 
     Raises:
         StreamError: it does not fit the 32 bits that the stream has for it.
     """
-    if isinstance(sample, _UNNUMBERED):
-        return 0
-    if not 0 <= sample.sequence <= MAX_UINT32:  # the MCAP message record holds a uint32
-        raise StreamError(
-            f"{type(sample).__name__} has sequence {sample.sequence}; expected 0 to 2^32-1"
-        )
-    return sample.sequence
+    if sequence is None:
+        sequence = 0 if isinstance(sample, _UNNUMBERED) else sample.sequence
+    if not 0 <= sequence <= MAX_UINT32:  # the MCAP message record holds a uint32
+        raise StreamError(f"{type(sample).__name__} has sequence {sequence}; expected 0 to 2^32-1")
+    return sequence
 
 
 # Cameras and companions come before the main message that they belong to.

@@ -58,13 +58,13 @@ def depth_pixels(frame: DepthFrame) -> NDArray[np.uint16]:
     return np.ascontiguousarray(frame.depth_mm, dtype="<u2").reshape(-1)
 
 
-def encode_depth(frame: DepthFrame) -> Parts:
+def encode_depth(frame: DepthFrame, t_ns: int, _sequence: int) -> Parts:
     """Return the image; its pixels are the frame's own memory, unless that may change."""
     height, width = frame.depth_mm.shape
     pixels = depth_pixels(frame).view(np.uint8)
     if pixels.flags.writeable:
         pixels = pixels.copy()
-    return restamped(_image_head(height, width), frame.t_ns), pixels.data
+    return restamped(_image_head(height, width), t_ns), pixels.data
 
 
 @lru_cache(maxsize=16)
@@ -100,12 +100,12 @@ def decode_depth(image: ros.sensor_msgs__msg__Image, sequence: int) -> DepthImag
     return DepthImage(fields.stamp_ns(image.header), depth_mm, sequence)
 
 
-def encode_ticks(frame: DepthFrame) -> Parts | None:
+def encode_ticks(frame: DepthFrame, t_ns: int, _sequence: int) -> Parts | None:
     """Return the device's own time of the frame, or None where it has none."""
     if frame.device_ticks is None:
         return None
     ticks = fields.integer("device ticks", frame.device_ticks, 0, fields.MAX_UINT64)
-    return layout(TICKS_TYPE, DEPTH_OPTICAL_FRAME)(frame.t_ns, ticks)
+    return layout(TICKS_TYPE, DEPTH_OPTICAL_FRAME)(t_ns, ticks)
 
 
 def decode_ticks(message: RosMessage, _sequence: int) -> Companion:
@@ -114,9 +114,9 @@ def decode_ticks(message: RosMessage, _sequence: int) -> Companion:
     return Companion(fields.stamp_ns(message.header), DepthFrame, ticks)
 
 
-def encode_camera(frame: DepthFrame) -> Parts:
+def encode_camera(frame: DepthFrame, t_ns: int, _sequence: int) -> Parts:
     """Return the intrinsics with the frame's time: P = [K 0], no distortion, R = identity."""
-    return (restamped(_camera_at_0(frame.camera), frame.t_ns),)
+    return (restamped(_camera_at_0(frame.camera), t_ns),)
 
 
 @lru_cache(maxsize=16)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys.stores import ros2_humble as ros
 
+from acquisition.kernel_cache import are_cached, note_use
 from acquisition.messages import ros_fields as fields
 from acquisition.messages.depth import DEPTH_ENCODING, DepthImage, depth_pixels
 from acquisition.messages.frames import DEPTH_OPTICAL_FRAME
@@ -27,7 +28,9 @@ _Unsigned = TypeVar("_Unsigned", np.uint8, np.uint16)
 _MOST_PIXELS = 1 << 30
 
 
-def encode_rvl(frame: DepthFrame) -> ros.sensor_msgs__msg__CompressedImage:
+def encode_rvl(
+    frame: DepthFrame, t_ns: int, _sequence: int
+) -> ros.sensor_msgs__msg__CompressedImage:
     """Return the image, smaller by a factor of six for a Kinect's."""
     from acquisition.messages.rvl_kernels import MOST_BYTES_PER_PIXEL, pack
 
@@ -37,16 +40,25 @@ def encode_rvl(frame: DepthFrame) -> ros.sensor_msgs__msg__CompressedImage:
     _HEAD.pack_into(data.data, 0, 0, 0.0, 0.0, width, height)
     used = pack(_read_only(pixels), data[_HEAD.size :])
     return ros.sensor_msgs__msg__CompressedImage(
-        fields.ros_header(frame.t_ns, DEPTH_OPTICAL_FRAME), RVL_FORMAT, data[: _HEAD.size + used]
+        fields.ros_header(t_ns, DEPTH_OPTICAL_FRAME), RVL_FORMAT, data[: _HEAD.size + used]
     )
+
+
+def rvl_is_cached() -> bool:
+    """Tell whether the code was compiled earlier by this installation."""
+    from acquisition.messages.rvl_kernels import pack, unpack
+
+    return are_cached([pack, unpack])
 
 
 def prepare_rvl() -> None:
     """Load the code, and compile it where it never was; seconds that no queue has room for."""
-    from acquisition.messages.rvl_kernels import MOST_BYTES_PER_PIXEL, pack
+    from acquisition.messages.rvl_kernels import MOST_BYTES_PER_PIXEL, pack, unpack
 
-    nothing = np.zeros(1, dtype=np.uint16)
-    pack(_read_only(nothing), np.zeros(MOST_BYTES_PER_PIXEL + 8, dtype=np.uint8))
+    pixels, code = np.zeros(1, dtype=np.uint16), np.zeros(MOST_BYTES_PER_PIXEL + 8, dtype=np.uint8)
+    used = pack(_read_only(pixels), code)
+    unpack(_read_only(code[:used]), pixels.size, pixels)
+    note_use([pack, unpack])
 
 
 def _read_only(array: NDArray[_Unsigned]) -> NDArray[_Unsigned]:

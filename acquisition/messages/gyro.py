@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 from rosbags.typesys.stores import ros2_humble as ros
 
 from acquisition.messages import ros_fields as fields
@@ -19,11 +22,15 @@ _BEFORE_RATE = (0.0, 0.0, 0.0, 1.0, *fields.NOT_MEASURED, 0.0, 0.0)
 _BEHIND_RATE = (*(0.0,) * 9, 0.0, 0.0, 0.0, *fields.NOT_MEASURED)
 
 
-def encode_yaw_rate(sample: YawRateSample) -> Parts:
+def encode_yaw_rate(sample: YawRateSample, t_ns: int, _sequence: int) -> Parts:
     """Return an Imu message whose z axis is the sensing axis; x and y are 0, not measured."""
     rate_rad_s = fields.finite_number("rate", sample.rate_rad_s)
-    lay_out = layout(IMU_TYPE, GYRO_FRAME)
-    return lay_out(sample.t_ns, *_BEFORE_RATE, rate_rad_s, *_BEHIND_RATE)
+    return _imu_layout()(t_ns, rate_rad_s)
+
+
+@cache
+def _imu_layout() -> Callable[..., Parts]:
+    return layout(IMU_TYPE, GYRO_FRAME, _BEFORE_RATE, _BEHIND_RATE)
 
 
 def decode_yaw_rate(imu: ros.sensor_msgs__msg__Imu, sequence: int) -> YawRateSample:
@@ -33,10 +40,10 @@ def decode_yaw_rate(imu: ros.sensor_msgs__msg__Imu, sequence: int) -> YawRateSam
     return YawRateSample(fields.stamp_ns(imu.header), rate_rad_s, None, None, sequence)
 
 
-def encode_gyro_raw(sample: YawRateSample) -> Parts:
+def encode_gyro_raw(sample: YawRateSample, t_ns: int, _sequence: int) -> Parts:
     """Return what the Imu message has no room for."""
     return layout(RAW_TYPE, GYRO_FRAME)(
-        sample.t_ns,
+        t_ns,
         *fields.flagged_integer("raw counts", sample.raw_counts, -(2**31), 2**31 - 1),
         *fields.flagged("temperature", sample.temperature_c),
     )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 from rosbags.typesys.stores import ros2_humble as ros
 
 from acquisition.messages import ros_fields as fields
@@ -32,13 +35,13 @@ _BEFORE_ACCELERATION = (
 _UNKNOWN_COVARIANCE = (0.0,) * 9
 
 
-def encode_pose(pose: PoseSample) -> Parts:
+def encode_pose(pose: PoseSample, t_ns: int, _sequence: int) -> Parts:
     """Return the pose; ROS has the covariance row by row and in the same order."""
     return layout(POSE_TYPE, WORLD_FRAME)(
-        pose.t_ns,
+        t_ns,
         *fields.three("position", pose.position_m),
         *fields.xyzw(pose.quat_wxyz),
-        *fields.finite("covariance", pose.covariance, (6, 6)).ravel().tolist(),
+        *fields.numbers("covariance", pose.covariance, (6, 6)),
     )
 
 
@@ -55,14 +58,14 @@ def decode_pose(
     )
 
 
-def encode_acceleration(sample: AccelerationSample) -> Parts:
+def encode_acceleration(sample: AccelerationSample, t_ns: int, _sequence: int) -> Parts:
     """Return an Imu message that measured nothing but the acceleration."""
-    return layout(IMU_TYPE, ACCELEROMETER_FRAME)(
-        sample.t_ns,
-        *_BEFORE_ACCELERATION,
-        *fields.three("acceleration", sample.acceleration_m_s2),
-        *_UNKNOWN_COVARIANCE,
-    )
+    return _imu_layout()(t_ns, *fields.three("acceleration", sample.acceleration_m_s2))
+
+
+@cache
+def _imu_layout() -> Callable[..., Parts]:
+    return layout(IMU_TYPE, ACCELEROMETER_FRAME, _BEFORE_ACCELERATION, _UNKNOWN_COVARIANCE)
 
 
 def decode_acceleration(imu: ros.sensor_msgs__msg__Imu, sequence: int) -> AccelerationSample:
@@ -75,12 +78,14 @@ def decode_acceleration(imu: ros.sensor_msgs__msg__Imu, sequence: int) -> Accele
     )
 
 
-def encode_transforms(message: StaticTransforms) -> ros.tf2_msgs__msg__TFMessage:
+def encode_transforms(
+    message: StaticTransforms, t_ns: int, _sequence: int
+) -> ros.tf2_msgs__msg__TFMessage:
     """Return the transforms, all with the same stamp."""
     return ros.tf2_msgs__msg__TFMessage(
         [
             ros.geometry_msgs__msg__TransformStamped(
-                fields.ros_header(message.t_ns, transform.parent_frame),
+                fields.ros_header(t_ns, transform.parent_frame),
                 transform.child_frame,
                 ros.geometry_msgs__msg__Transform(
                     fields.ros_vector("position", transform.position_m),

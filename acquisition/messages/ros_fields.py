@@ -15,9 +15,10 @@ from drivers.samples import Float64Array, frozen_array
 
 NS_PER_S = 1_000_000_000
 # builtin_interfaces/msg/Time counts whole seconds in an int32.
-_MAX_SECONDS = 2**31 - 1
+MAX_SECONDS = 2**31 - 1
 MAX_UINT32 = 2**32 - 1
 MAX_UINT64 = 2**64 - 1
+_NO_NUMBER, _NO_INTEGER = (False, math.nan), (False, 0)
 
 # Beyond _REFUSED a quaternion is no rotation; between the two it was rounded by whoever wrote
 # it (a motion capture log with four decimals is off by up to 1e-4) and is normalised.
@@ -28,7 +29,7 @@ _REFUSED = 1e-3
 def stamp_parts(t_ns: int) -> tuple[int, int]:
     """Return the seconds and nanoseconds of a stamp that is exactly `t_ns`."""
     seconds, nanoseconds = divmod(t_ns, NS_PER_S)
-    if not 0 <= seconds <= _MAX_SECONDS:
+    if not 0 <= seconds <= MAX_SECONDS:
         raise ValueError(f"time {t_ns} ns does not fit a ROS stamp; expected 0 to 2^31 s")
     return seconds, nanoseconds
 
@@ -80,7 +81,7 @@ def integer(what: str, value: int, lowest: int, highest: int) -> int:
 
 def flagged(what: str, value: float | None) -> tuple[bool, float]:
     """Return whether there is a value, and the value or NaN; the pair that `unflagged` takes."""
-    return (False, math.nan) if value is None else (True, _not_infinite(what, value))
+    return _NO_NUMBER if value is None else (True, _not_infinite(what, value))
 
 
 def unflagged(what: str, is_there: bool, value: float) -> float | None:
@@ -96,7 +97,7 @@ def _not_infinite(what: str, value: float) -> float:
 
 def flagged_integer(what: str, value: int | None, lowest: int, highest: int) -> tuple[bool, int]:
     """Return whether there is a value, and the value or 0."""
-    return (False, 0) if value is None else (True, integer(what, value, lowest, highest))
+    return _NO_INTEGER if value is None else (True, integer(what, value, lowest, highest))
 
 
 # The covariance by which an Imu message says that it does not measure this part: -1 in element 0.
@@ -117,13 +118,19 @@ def vector(
     return finite(what, (xyz.x, xyz.y, xyz.z), (3,))
 
 
+def numbers(what: str, values: Float64Array, shape: tuple[int, ...]) -> list[float]:
+    """Return the numbers of an array of that shape row by row, refusing NaN and infinity."""
+    if values.shape == shape:
+        found: list[float] = values.ravel().tolist()
+        if math.isfinite(sum(found)):
+            return found
+    checked: list[float] = finite(what, values, shape).ravel().tolist()
+    return checked
+
+
 def three(what: str, values: Float64Array) -> list[float]:
     """Return the three numbers of a (3,) array, refusing NaN and infinity."""
-    numbers: list[float] = values.tolist()
-    if values.shape == (3,) and math.isfinite(sum(numbers)):
-        return numbers
-    checked: list[float] = finite(what, values, (3,)).tolist()
-    return checked
+    return numbers(what, values, (3,))
 
 
 def three_or_nan(what: str, values: Float64Array) -> list[float]:
@@ -153,7 +160,9 @@ def unit_quaternion(values: ArrayLike) -> Float64Array:
 
 def xyzw(quat_wxyz: Float64Array) -> tuple[float, float, float, float]:
     """Return w, x, y, z as a ROS quaternion has them, which puts w last."""
-    w, x, y, z = unit_quaternion(quat_wxyz).tolist()
+    w, x, y, z = numbers("quaternion wxyz", quat_wxyz, (4,))
+    if abs(math.hypot(w, x, y, z) - 1.0) > _ROUNDED:
+        w, x, y, z = unit_quaternion(quat_wxyz).tolist()
     return x, y, z, w
 
 

@@ -28,18 +28,19 @@ _QUANTITY_OF = {code: word for word, code in QUANTITIES.items()}
 _STATISTIC_OF = {code: word for word, code in STATISTICS.items()}
 
 
-def encode_vibration(sample: VibrationSample) -> Parts:
+def encode_vibration(sample: VibrationSample, t_ns: int, sequence: int) -> Parts:
     """Return the vibration; host_receive_ns repeats the stamp, which nobody has translated yet."""
-    if sample.quantity not in QUANTITIES or sample.statistic not in STATISTICS:
+    quantity, statistic = QUANTITIES.get(sample.quantity), STATISTICS.get(sample.statistic)
+    if quantity is None or statistic is None:
         raise ValueError(f"{sample.quantity!r}, {sample.statistic!r} is no known amplitude")
     return layout(VIBRATION_TYPE, VIBRATION_FRAME)(
-        sample.t_ns,
-        sample.t_ns,
-        fields.integer("sequence", sample.sequence, 0, fields.MAX_UINT32),
+        t_ns,
+        t_ns,
+        fields.integer("sequence", sequence, 0, fields.MAX_UINT32),
         *fields.three_or_nan("amplitude", sample.amplitude),
         *fields.three_or_nan("frequency", sample.frequency_hz),
-        QUANTITIES[sample.quantity],
-        STATISTICS[sample.statistic],
+        quantity,
+        statistic,
         *fields.flagged("temperature", sample.temperature_c),
         *fields.flagged_integer("device ticks", sample.device_ticks, 0, fields.MAX_UINT64),
     )

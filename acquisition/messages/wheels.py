@@ -28,19 +28,19 @@ _USELESS_COVARIANCE: list[float] = np.diag([_UNKNOWN_VARIANCE] * 6).ravel().toli
 _SPEED, _YAW_RATE = 0, 35  # places of the variances of x and of rotation about z among the 6 x 6
 
 
-def encode_can(frame: CanFrameSample) -> Parts:
+def encode_can(frame: CanFrameSample, t_ns: int, _sequence: int) -> Parts:
     """Return the frame; unused data bytes are 0."""
     used = len(frame.data)
     if used > _MAX_DATA_BYTES:
         raise ValueError(f"the frame has {used} bytes; expected 0 to {_MAX_DATA_BYTES}")
     return layout(CAN_TYPE, frame.channel)(
-        frame.t_ns,
+        t_ns,
         _checked_id(frame.arbitration_id, short=not (frame.is_extended or frame.is_error)),
         frame.is_remote,
         frame.is_extended,
         frame.is_error,
         used,
-        *frame.data.ljust(_MAX_DATA_BYTES, b"\0"),
+        frame.data,  # the layout fills up the rest with zeros
     )
 
 
@@ -65,7 +65,7 @@ def _checked_id(arbitration_id: int, *, short: bool) -> int:
     return fields.integer("arbitration id", arbitration_id, 0, longest)
 
 
-def encode_twist(sample: WheelTwistSample) -> Parts:
+def encode_twist(sample: WheelTwistSample, t_ns: int, _sequence: int) -> Parts:
     """Return forward speed and yaw rate; the other motions are 0 with a useless variance."""
     covariance = _USELESS_COVARIANCE.copy()
     covariance[_SPEED] = _variance("speed", sample.speed_sigma_m_s)
@@ -73,7 +73,7 @@ def encode_twist(sample: WheelTwistSample) -> Parts:
     speed_m_s = fields.finite_number("speed", sample.speed_m_s)
     yaw_rate_rad_s = fields.finite_number("yaw rate", sample.yaw_rate_rad_s)
     linear, angular = (speed_m_s, 0.0, 0.0), (0.0, 0.0, yaw_rate_rad_s)
-    return layout(TWIST_TYPE, WHEELS_FRAME)(sample.t_ns, *linear, *angular, *covariance)
+    return layout(TWIST_TYPE, WHEELS_FRAME)(t_ns, *linear, *angular, *covariance)
 
 
 def decode_twist(
@@ -111,12 +111,12 @@ def _sigma(what: str, variance: float) -> float:
     return math.sqrt(variance)
 
 
-def encode_speeds(sample: WheelTwistSample) -> Parts | None:
+def encode_speeds(sample: WheelTwistSample, t_ns: int, _sequence: int) -> Parts | None:
     """Return the speeds of both sides, or None for a vehicle that reports none."""
     if sample.left_m_s is None and sample.right_m_s is None:
         return None
     return layout(SPEEDS_TYPE, WHEELS_FRAME)(
-        sample.t_ns,
+        t_ns,
         *fields.flagged("left speed", sample.left_m_s),
         *fields.flagged("right speed", sample.right_m_s),
     )

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import fields
-from operator import attrgetter
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple
 
 from acquisition.clocks.clock_follower import ClockFollower, ClockTuning
 from acquisition.clocks.recorder_clock import Clock
@@ -19,10 +17,17 @@ _FOLLOWED_EVERY_NS = 10_000_000
 
 
 class Stamped(NamedTuple):
-    """Something to be written, and the time by which the stream is ordered."""
+    """Something to be written.
+
+    Attributes:
+        log_time_ns: its time in the stream, by which that is ordered.
+        record: what is written, under that time instead of its own.
+        sequence: its number in the stream; None leaves it its own.
+    """
 
     log_time_ns: int
     record: Recordable
+    sequence: int | None = None
 
 
 class Intake:
@@ -55,19 +60,20 @@ class Intake:
         live = batch.info.time_base == "monotonic"
         if live:
             self._follow(batch)
+        to_log_time_ns = self._clock.log_time_ns
         stamped: list[Stamped] = []
         for sample in batch.samples:
-            kind = type(sample)
-            sequence, dropped_here = self._track(kind, batch).accept(
-                sample.t_ns,
-                sample.sequence,
-                reopened=kind in self._reopened,
-                dropped=dropped,
+            kind, t_ns = type(sample), sample.t_ns
+            reopened = kind in self._reopened
+            track = self._tracks.get(kind) or self._begin_track(kind, batch)
+            sequence, dropped_here = track.accept(
+                t_ns, sample.sequence, reopened=reopened, dropped=dropped
             )
             dropped -= dropped_here
-            self._reopened.discard(kind)
-            t_ns = self._clock.log_time_ns(sample.t_ns) if live else sample.t_ns
-            stamped.append(Stamped(t_ns, restamped(sample, t_ns, sequence)))
+            if reopened:
+                self._reopened.discard(kind)
+            log_time_ns = to_log_time_ns(t_ns) if live else t_ns
+            stamped.append(Stamped(log_time_ns, sample, sequence))
         return stamped
 
     def _follow(self, batch: Batch) -> None:
@@ -87,35 +93,11 @@ class Intake:
                 self.follower.take(sample.device_ticks, sample.t_ns)
                 self._followed_ns = sample.t_ns
 
-    def _track(self, kind: type[Sample], batch: Batch) -> StreamTrack:
-        if kind not in self._tracks:
-            announced = batch.info.nominal_rate_hz.get(kind)
-            self._tracks[kind] = StreamTrack(self._rates_hz.get(kind, announced))
-        return self._tracks[kind]
+    def _begin_track(self, kind: type[Sample], batch: Batch) -> StreamTrack:
+        announced = batch.info.nominal_rate_hz.get(kind)
+        track = self._tracks[kind] = StreamTrack(self._rates_hz.get(kind, announced))
+        return track
 
     def end_interval(self, duration_s: float) -> dict[type[Sample], StreamStatistics]:
         """Return the figures of each stream and begin the next interval."""
         return {kind: track.end_interval(duration_s) for kind, track in self._tracks.items()}
-
-
-def restamped(sample: Sample, t_ns: int, sequence: int) -> Sample:
-    """Return the sample with another time and number; `dataclasses.replace`, but faster."""
-    values, time_at, number_at = _fields_of(type(sample))
-    changed = list(values(sample))
-    changed[time_at] = t_ns
-    changed[number_at] = sequence
-    return type(sample)(*changed)
-
-
-_Fields = tuple[Callable[[Sample], tuple[Any, ...]], int, int]
-_FIELDS: dict[type[Sample], _Fields] = {}
-
-
-def _fields_of(kind: type[Sample]) -> _Fields:
-    """Return what gives all fields of such a sample, and the places of time and number."""
-    known = _FIELDS.get(kind)
-    if known is None:
-        names = [field.name for field in fields(kind)]
-        places = names.index("t_ns"), names.index("sequence")
-        known = _FIELDS[kind] = (attrgetter(*names), *places)
-    return known

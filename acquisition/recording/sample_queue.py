@@ -51,7 +51,7 @@ class QueueState:
 
 def size_in_memory(sample: Sample) -> int:
     """Return about how many bytes a sample takes."""
-    if isinstance(sample, DepthFrame):
+    if type(sample) is DepthFrame:  # not isinstance, which takes twice as long for all others
         return SMALL_SAMPLE_BYTES + sample.depth_mm.nbytes
     return SMALL_SAMPLE_BYTES
 
@@ -66,7 +66,8 @@ class SampleQueue:
         self._lock = Lock()
         self._limit_bytes = limit_bytes
         self._batches: list[Batch] = []
-        self._samples = 0
+        # The batch that grows: one of many samples is cheaper to handle than many of one.
+        self._last: Batch | None = None
         self._size_bytes = 0
         self._highest_bytes = 0
         self._dropped = 0
@@ -74,51 +75,57 @@ class SampleQueue:
 
     def put(self, info: SourceInfo, samples: Sequence[Sample], *, reopened: bool = False) -> None:
         """Take what has room; called by the source's thread."""
+        needed_bytes = 0
+        for sample in samples:
+            needed_bytes += size_in_memory(sample)
         with self._lock:
-            kept = self._that_fit(samples)
-            if kept or reopened:
-                self._add(info, kept, reopened=reopened)
-            lost = len(samples) - len(kept)
+            last, size_bytes = self._last, self._size_bytes + needed_bytes
+            if last is None or last.info is not info or reopened or size_bytes > self._limit_bytes:
+                self._put_into_new_batch(info, samples, reopened=reopened)
+            else:
+                last.samples.extend(samples)
+                self._size_bytes = size_bytes
+
+    def _put_into_new_batch(
+        self, info: SourceInfo, samples: Sequence[Sample], *, reopened: bool
+    ) -> None:
+        kept = self._that_fit(samples)
+        if kept or reopened:
+            self._last = Batch(info, kept, self._dropped_untold, reopened)
+            self._batches.append(self._last)
+            self._dropped_untold = 0
+        lost = len(samples) - len(kept)
+        if lost:
+            self._last = None  # the next batch has to tell
             self._dropped += lost
             self._dropped_untold += lost
 
-    def _add(self, info: SourceInfo, kept: Sequence[Sample], *, reopened: bool) -> None:
-        """Put samples into the last batch, which is cheaper to handle than many small ones."""
-        last = self._batches[-1] if self._batches else None
-        if last is None or last.info is not info or reopened or self._dropped_untold:
-            self._batches.append(Batch(info, list(kept), self._dropped_untold, reopened))
-            self._dropped_untold = 0
-        else:
-            last.samples.extend(kept)
-
-    def _that_fit(self, samples: Sequence[Sample]) -> Sequence[Sample]:
-        """Return the first of them that find room, and count them as waiting."""
-        kept = 0
+    def _that_fit(self, samples: Sequence[Sample]) -> list[Sample]:
+        """Return the first of them that find room, and count their bytes."""
+        kept: list[Sample] = []
         for sample in samples:
             size_bytes = self._size_bytes + size_in_memory(sample)
             if size_bytes > self._limit_bytes:
                 break
             self._size_bytes = size_bytes
-            kept += 1
-        self._samples += kept
-        if self._size_bytes > self._highest_bytes:
-            self._highest_bytes = self._size_bytes
-        return samples if kept == len(samples) else samples[:kept]
+            kept.append(sample)
+        return kept
 
     def take(self) -> list[Batch]:
         """Return everything that waits; called by the writing thread."""
         with self._lock:
-            batches, self._batches = self._batches, []
-            self._samples = self._size_bytes = 0
+            batches, self._batches, self._last = self._batches, [], None
+            self._highest_bytes = max(self._highest_bytes, self._size_bytes)
+            self._size_bytes = 0
         return batches
 
     def state(self) -> QueueState:
         """Return how full it is."""
         with self._lock:
             return QueueState(
-                self._samples,
+                sum(len(batch.samples) for batch in self._batches),
                 self._size_bytes,
                 self._limit_bytes,
-                self._highest_bytes,
+                max(self._highest_bytes, self._size_bytes),
                 self._dropped,
             )

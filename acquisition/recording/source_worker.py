@@ -131,9 +131,12 @@ class SourceWorker:
     def _read(self, info: SourceInfo) -> None:
         reopened = self.losses > 0
         self.state = "running"
-        while not self._stop.is_set():
-            samples = self._source.read(self._settings.read_timeout_s)
-            self.answered_ns = self._clock.now_ns()
+        # Looked up once: this loop turns thousands of times a second.
+        read, timeout_s, put = self._source.read, self._settings.read_timeout_s, self.queue.put
+        stopped, now_ns = self._stop.is_set, self._clock.now_ns
+        while not stopped():
+            samples = read(timeout_s)
+            self.answered_ns = now_ns()
             if samples:
-                self.queue.put(info, samples, reopened=reopened)
+                put(info, samples, reopened=reopened)
                 reopened = False

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import struct
-import zlib
 
 from mcap.records import Attachment
 
+from acquisition.stream.checksum import crc32
 from acquisition.stream.chunks import parse
 
 _TIMES_BYTES = 16
@@ -18,7 +18,7 @@ def has_checksum(body: bytes) -> bool:
     if len(body) < _CRC.size:
         raise ValueError(f"attachment record of {len(body)} bytes")
     (expected,) = _CRC.unpack(body[-_CRC.size :])
-    if expected not in (0, zlib.crc32(memoryview(body)[: -_CRC.size])):
+    if expected not in (0, crc32(memoryview(body)[: -_CRC.size])):
         raise ValueError("attachment checksum differs")
     return bool(expected)
 

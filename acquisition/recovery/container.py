@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -11,6 +10,7 @@ from mcap.records import Channel, DataEnd, Footer, Message, Metadata, Schema
 
 from acquisition.recovery.record_checks import may_be_another_kind
 from acquisition.stream.byte_source import ByteSource
+from acquisition.stream.checksum import crc32
 from acquisition.stream.chunks import Content, open_chunk, parse, parse_chunk, parse_message
 from acquisition.stream.framing import HEAD, MAX_RECORD_BYTES, RawRecord, RecordFramer
 from acquisition.stream.read_report import Damage
@@ -173,5 +173,5 @@ class Container:
     def _check_summary(self, record: RawRecord) -> None:
         expected = parse(Footer.read, record.body).summary_crc
         signed = HEAD.pack(record.opcode, len(record.body)) + record.body[:-_FOOTER_CRC_BYTES]
-        if expected not in (0, zlib.crc32(signed, record.crc_before)):
+        if expected not in (0, crc32(signed, record.crc_before)):
             self._damage(record.offset, record.length_bytes, "checksum of the summary differs")

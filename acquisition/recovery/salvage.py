@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -19,6 +18,7 @@ from acquisition.recovery.record_checks import (
 )
 from acquisition.recovery.resync import next_record
 from acquisition.recovery.summary_section import ListedChunk, read_summary
+from acquisition.stream.checksum import crc32
 from acquisition.stream.framing import MAGIC
 from acquisition.stream.read_report import Damage
 
@@ -154,7 +154,7 @@ class _FirstPass:
         """Return where the first record is expected."""
         size = min(len(MAGIC), self._file.size_bytes)
         if self._file.peek(0)[:size] == MAGIC:
-            self._crc = zlib.crc32(MAGIC)
+            self._crc = crc32(MAGIC)
         else:
             self._damage(0, size, "this is not how a recording starts")
         return size
@@ -205,7 +205,7 @@ class _FirstPass:
             case Opcode.FOOTER:
                 found.complete = self._file.peek(record.head.end)[: len(MAGIC)] == MAGIC
         if self._crc is not None:
-            self._crc = zlib.crc32(record.body, zlib.crc32(record.head.packed, self._crc))
+            self._crc = crc32(record.body, crc32(record.head.packed, self._crc))
 
     def _check_data(self, expected: int) -> None:
         """Compare the checksum of everything before the DataEnd record, if there is one."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import zlib
 from array import array
 from collections.abc import Iterator
 from contextlib import suppress
@@ -14,6 +13,7 @@ from mcap.records import Channel, ChunkIndex, Schema, Statistics
 
 from acquisition.recovery.damaged_file import DamagedFile
 from acquisition.recovery.record_checks import SoundRecord, read_record
+from acquisition.stream.checksum import crc32
 from acquisition.stream.framing import HEAD, MAGIC
 
 _FOOTER = struct.Struct("<QQI")  # start of the summary, of its offsets, and the checksum
@@ -81,9 +81,9 @@ def read_summary(file: DamagedFile) -> SummarySection:
         crc = 0
         for record in _records(file, start, footer_offset):
             summary.take(record)
-            crc = zlib.crc32(record.body, zlib.crc32(record.head.packed, crc))
+            crc = crc32(record.body, crc32(record.head.packed, crc))
         # 0 says that the writer computed no checksum.
-        summary.intact = bool(expected) and expected == zlib.crc32(footer[:-_CRC_BYTES], crc)
+        summary.intact = bool(expected) and expected == crc32(footer[:-_CRC_BYTES], crc)
     return summary
 
 

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import struct
-import zlib
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex, Schema
+from mcap.records import Channel, ChunkIndex, Schema
+
+from acquisition.messages.cdr_layout import Parts
+from acquisition.stream.checksum import crc32
 
 _COMPRESSION = "zstd"
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
+_MESSAGE_OPCODE = int(Opcode.MESSAGE)  # to look up a member of an Enum costs as much as to pack
+_MESSAGE_BYTES = _MESSAGE.size
 _MESSAGE_FIELDS_BYTES = struct.calcsize("<HIQQ")
+# Opcode, length, first and last time, size, checksum, compression, size of what follows.
+_CHUNK = struct.Struct(f"<BQQQQII{len(_COMPRESSION)}sQ")
+_CHUNK_FIELDS_BYTES = _CHUNK.size - struct.calcsize("<BQ")
 _INDEX = struct.Struct("<BQHI")  # opcode, length, channel, bytes of the entries
 _INDEX_FIELDS_BYTES = struct.calcsize("<HI")
 
@@ -54,7 +62,7 @@ class ChunkBuilder:
     def _clear(self) -> None:
         self._parts: list[bytes | memoryview] = []
         # For each channel log time and offset of each message, one behind the other.
-        self._entries: dict[int, list[int]] = {}
+        self._entries: defaultdict[int, list[int]] = defaultdict(list)
         self.size_bytes = 0
 
     def define(self, definition: Schema | Channel) -> None:
@@ -67,27 +75,35 @@ class ChunkBuilder:
 
     def add(
         self,
-        channel_id: int,
+        channel_ids: Sequence[int],
+        messages: Sequence[Parts | None],
         log_time_ns: int,
         publish_time_ns: int,
         sequence: int,
-        parts: Iterable[bytes | memoryview],
     ) -> int:
-        """Take a message; return the size of its data, which may not change before `finish`."""
-        entries = self._entries.get(channel_id)
-        if entries is None:
-            entries = self._entries[channel_id] = []
-        entries.append(log_time_ns)
-        entries.append(self.size_bytes)
-        data_bytes = sum(map(len, parts))
-        length = _MESSAGE_FIELDS_BYTES + data_bytes
-        self._parts.append(
-            _MESSAGE.pack(
-                Opcode.MESSAGE, length, channel_id, sequence, log_time_ns, publish_time_ns
+        """Take what one sample is written as; return the size of its data.
+
+        The data may not change before `finish`. A message that is None is left out.
+        """
+        parts, offset, data_bytes = self._parts, self.size_bytes, 0
+        for channel_id, message in zip(channel_ids, messages, strict=True):
+            if message is None:
+                continue
+            size_bytes = len(message[0]) if len(message) == 1 else sum(map(len, message))
+            head = _MESSAGE.pack(
+                _MESSAGE_OPCODE,
+                _MESSAGE_FIELDS_BYTES + size_bytes,
+                channel_id,
+                sequence,
+                log_time_ns,
+                publish_time_ns,
             )
-        )
-        self._parts += parts
-        self.size_bytes += _MESSAGE.size + data_bytes
+            parts.append(head)
+            parts += message
+            self._entries[channel_id] += (log_time_ns, offset)
+            offset += _MESSAGE_BYTES + size_bytes
+            data_bytes += size_bytes
+        self.size_bytes = offset
         return data_bytes
 
     def finish(self, offset: int) -> FinishedChunk | None:
@@ -102,12 +118,21 @@ class ChunkBuilder:
         self._clear()
         first_ns = min(min(times[::2]) for times in entries.values())
         last_ns = max(max(times[::2]) for times in entries.values())
+        crc = crc32(data)  # while what was just joined is in the processor's cache
         compressed = self._compressor.compress(data)
-        crc = zlib.crc32(data)
-        chunk = Chunk(_COMPRESSION, compressed, last_ns, first_ns, crc, len(data))
-        builder = RecordBuilder()
-        chunk.write(builder)
-        record = builder.end()
+        length = _CHUNK_FIELDS_BYTES + len(compressed)
+        head = _CHUNK.pack(
+            Opcode.CHUNK,
+            length,
+            first_ns,
+            last_ns,
+            len(data),
+            crc,
+            len(_COMPRESSION),
+            _COMPRESSION.encode(),
+            len(compressed),
+        )
+        record = head + compressed
         index_record, offsets = _index(entries, offset + len(record))
         return FinishedChunk(
             record,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from typing import TypeVar
@@ -15,6 +14,7 @@ from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
 
+from acquisition.stream.checksum import crc32
 from acquisition.stream.framing import HEAD
 
 MAX_CHUNK_BYTES = 256 << 20
@@ -73,7 +73,7 @@ def open_chunk(chunk: Chunk, max_bytes: int = MAX_CHUNK_BYTES) -> list[Content]:
     if len(data) != chunk.uncompressed_size:
         raise ValueError(f"chunk holds {len(data)} bytes; it announced {chunk.uncompressed_size}")
     # 0 says that the writer computed no checksum.
-    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+    if chunk.uncompressed_crc not in (0, crc32(data)):
         raise ValueError("chunk checksum differs")
     return list(_contents(data))
 

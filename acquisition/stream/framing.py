@@ -7,7 +7,6 @@ bytes; a file is magic, records up to the Footer, and the magic again.
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -15,6 +14,7 @@ from mcap.opcode import Opcode
 
 from acquisition.errors import StreamError
 from acquisition.stream.byte_source import ByteSource
+from acquisition.stream.checksum import crc32
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
@@ -118,7 +118,7 @@ class RecordFramer:
         taken = bytes(self._ahead[:count])
         del self._ahead[:count]
         self.offset += count
-        self._crc = zlib.crc32(taken, self._crc)
+        self._crc = crc32(taken, self._crc)
         return taken
 
     def _fill(self, count: int) -> bool:

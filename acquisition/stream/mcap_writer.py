@@ -3,8 +3,8 @@
 `mcap.writer.Writer` spends 5 us on each message, and keeps an object with a dictionary for each
 chunk until the file ends: at 20 chunks a second, 1.7 MB of memory per minute. This writer gives
 the same bytes for the same calls (a test compares them); a message costs it 1 us, and of a chunk
-it keeps what the summary section will hold, compressed. All but messages and their index is
-written by mcap's own records.
+it keeps what the summary section will hold, compressed. All but chunks with their messages
+and index is written by mcap's own records.
 
 Format: https://mcap.dev/spec.
 """
@@ -12,11 +12,9 @@ Format: https://mcap.dev/spec.
 from __future__ import annotations
 
 import struct
-import zlib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -32,29 +30,35 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from acquisition.messages.cdr_layout import Parts
+from acquisition.stream.checksum import crc32
 from acquisition.stream.chunk_builder import ChunkBuilder
 from acquisition.stream.framing import MAGIC
+from acquisition.stream.index_store import IndexStore
 from acquisition.stream.output import StreamOutput
 
 _SIGNED_FOOTER = struct.Struct("<BQQQ")  # what of the footer the summary's checksum covers
 _FOOTER_BYTES = 20
-_BLOCK_BYTES = 1 << 15
 
 
 class McapWriter:
     """Writes chunks under zstd with checksums and a full index; attachments it does not know."""
 
-    def __init__(self, output: StreamOutput, chunk_size_bytes: int) -> None:
+    def __init__(
+        self, output: StreamOutput, chunk_size_bytes: int, index: IndexStore | None = None
+    ) -> None:
         """Write nothing yet.
 
         Args:
             output: where the bytes go.
             chunk_size_bytes: a chunk that is larger, before compression, is closed.
+            index: what keeps the chunk index until the end; of one writer at a time.
         """
         self._output = output
         self._chunk_size_bytes = chunk_size_bytes
         self._chunk = ChunkBuilder()
-        self._chunk_indexes = _Pile()
+        self._chunk_indexes = index or IndexStore()
+        self._chunk_indexes.clear()
         self._metadata_indexes = RecordBuilder()
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
@@ -94,25 +98,25 @@ class McapWriter:
         MetadataIndex(offset, len(data), name).write(self._metadata_indexes)
         self._metadata += 1
 
-    def add_message(
+    def add_messages(
         self,
-        channel_id: int,
+        channel_ids: Sequence[int],
+        messages: Sequence[Parts | None],
         log_time_ns: int,
         publish_time_ns: int,
         sequence: int,
-        parts: Iterable[bytes | memoryview],
     ) -> int:
-        """Add a message to the chunk in progress; return the size of its data.
+        """Add what one sample is written as to the chunk in progress; return the size of its data.
 
         Args:
-            channel_id: what `register_channel` returned.
+            channel_ids: what `register_channel` returned, for each message.
+            messages: the data of each, kept as it is until the chunk is closed; None leaves it out.
             log_time_ns: 0 to 2^64-1, as the publish time.
             publish_time_ns: when it was sent.
             sequence: 0 to 2^32-1.
-            parts: its data; kept as they are until the chunk is closed.
         """
         chunk = self._chunk
-        size_bytes = chunk.add(channel_id, log_time_ns, publish_time_ns, sequence, parts)
+        size_bytes = chunk.add(channel_ids, messages, log_time_ns, publish_time_ns, sequence)
         if chunk.size_bytes > self._chunk_size_bytes:
             self._close_chunk()
         return size_bytes
@@ -145,25 +149,26 @@ class McapWriter:
         self._output.write(_bytes_of(DataEnd(0)))  # the output fills in the checksum
         start, crc, offsets = self._output.tell(), 0, b""
         for opcode, group in self._summary():
-            offsets += _bytes_of(SummaryOffset(opcode, self._output.tell(), len(group)))
-            crc = zlib.crc32(group, crc)
-            self._output.write(group)
+            group_start = self._output.tell()
+            for records in group:
+                crc = crc32(records, crc)
+                self._output.write(records)
+            group_bytes = self._output.tell() - group_start
+            offsets += _bytes_of(SummaryOffset(opcode, group_start, group_bytes))
         offsets_start = self._output.tell()
         signed = _SIGNED_FOOTER.pack(Opcode.FOOTER, _FOOTER_BYTES, start, offsets_start)
         self._output.write(offsets)
-        self._output.write(
-            _bytes_of(Footer(start, offsets_start, zlib.crc32(offsets + signed, crc)))
-        )
+        self._output.write(_bytes_of(Footer(start, offsets_start, crc32(offsets + signed, crc))))
         self._output.write(MAGIC)
 
-    def _summary(self) -> Iterator[tuple[Opcode, bytes]]:
-        """Give the groups of the summary section."""
-        yield Opcode.SCHEMA, _bytes_of(*self._schemas)
-        yield Opcode.CHANNEL, _bytes_of(*self._channels)
-        yield Opcode.STATISTICS, _bytes_of(self._statistics())
+    def _summary(self) -> Iterator[tuple[Opcode, Iterable[bytes]]]:
+        """Give the groups of the summary section, each in pieces of whole records."""
+        yield Opcode.SCHEMA, [_bytes_of(*self._schemas)]
+        yield Opcode.CHANNEL, [_bytes_of(*self._channels)]
+        yield Opcode.STATISTICS, [_bytes_of(self._statistics())]
         yield Opcode.CHUNK_INDEX, self._chunk_indexes.take()
-        yield Opcode.ATTACHMENT_INDEX, b""
-        yield Opcode.METADATA_INDEX, self._metadata_indexes.end()
+        yield Opcode.ATTACHMENT_INDEX, []
+        yield Opcode.METADATA_INDEX, [self._metadata_indexes.end()]
 
     def _statistics(self) -> Statistics:
         first_ns, last_ns = self._times_ns or (0, 0)
@@ -178,26 +183,6 @@ class McapWriter:
             metadata_count=self._metadata,
             schema_count=len(self._schemas),
         )
-
-
-class _Pile:
-    """Records that wait for the end of the file, compressed: one chunk's is 50 bytes then."""
-
-    def __init__(self) -> None:
-        self._compressor = zstandard.ZstdCompressor()
-        self._blocks: list[bytes] = []
-        self._newest = RecordBuilder()
-
-    def add(self, record: McapRecord) -> None:
-        """Put a record on top."""
-        record.write(self._newest)
-        if self._newest.count >= _BLOCK_BYTES:
-            self._blocks.append(self._compressor.compress(self._newest.end()))
-
-    def take(self) -> bytes:
-        """Return all of them."""
-        blocks = [zstandard.decompress(block) for block in self._blocks]
-        return b"".join([*blocks, self._newest.end()])
 
 
 def _bytes_of(*records: McapRecord) -> bytes:

@@ -27,6 +27,21 @@ class PartLimits:
 
 NO_LIMITS = PartLimits()
 
+# A chunk each flush interval of 50 ms and one each second for the health, with some to spare; the
+# entry of a chunk of ten topics takes 50 bytes.
+_CHUNKS_PER_S = 22
+_INDEX_BYTES_PER_CHUNK = 60
+_LEAST_INDEX_BYTES, _MOST_INDEX_BYTES = 1 << 16, 1 << 23
+_INDEX_BYTES_WITHOUT_DURATION = 1 << 20  # 13 minutes
+
+
+def expected_index_bytes(limits: PartLimits) -> int:
+    """Return what the chunk index of a part will take; at most 8 MB, which is 100 minutes."""
+    if not limits.duration_ns:
+        return _INDEX_BYTES_WITHOUT_DURATION
+    expected = limits.duration_ns * _CHUNKS_PER_S * _INDEX_BYTES_PER_CHUNK // 1_000_000_000
+    return min(max(expected, _LEAST_INDEX_BYTES), _MOST_INDEX_BYTES)
+
 
 @dataclass(slots=True)
 class OpenPart:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -12,6 +11,7 @@ from mcap.opcode import Opcode
 from mcap.records import DataEnd
 
 from acquisition.errors import StreamError
+from acquisition.stream.checksum import crc32
 
 
 class StreamOutput:
@@ -61,7 +61,7 @@ class StreamOutput:
                 f"cannot write {self.name} after {self._length} bytes: {error.strerror}"
             ) from error
         self._length += len(data)
-        self._crc = zlib.crc32(data, self._crc)
+        self._crc = crc32(data, self._crc)
         return len(data)
 
     def _write_all(self, data: bytes) -> None:

@@ -13,7 +13,8 @@ from acquisition.errors import StreamError
 from acquisition.messages.codec import DepthFormat, Recordable
 from acquisition.messages.frames import StaticTransform
 from acquisition.recording.intake import Stamped
-from acquisition.stream.open_part import NEVER, OpenPart, PartLimits
+from acquisition.stream.index_store import IndexStore
+from acquisition.stream.open_part import NEVER, OpenPart, PartLimits, expected_index_bytes
 from acquisition.stream.parts import PART_NAME
 from acquisition.stream.writer import CHUNK_SIZE_BYTES, StreamWriter
 from drivers.source import SourceInfo
@@ -96,6 +97,7 @@ class SplitWriter:
         self._limits = limits
         self._number = 0
         self._between_parts = False
+        self._index = IndexStore(expected_index_bytes(limits))
         # What is wrong with the head is found here; from now on only an output can fail.
         self._writer_to(io.BytesIO()).close()
         self._part = self._begin()
@@ -143,6 +145,7 @@ class SplitWriter:
             depth_format=self._head.depth_format,
             flush_interval_ns=NEVER,
             chunk_size_bytes=NEVER,
+            index=self._index,
         )
 
     def write(self, items: Sequence[Stamped]) -> None:
@@ -151,28 +154,29 @@ class SplitWriter:
         Raises:
             StreamError: the output failed, and there is no other place to go on.
         """
-        sizes = self.bytes_by_type
-        for item in items:
-            sizes[type(item.record)] += self._append(item)
+        self._append(items)
         self._flush()
 
-    def _append(self, item: Stamped) -> int:
-        """Write an item to the chunk in progress; return its size, 0 when it was refused."""
-        if item.log_time_ns >= self._part.ends_ns:
-            self._flush()
-            self.begin_part()
-        part = self._part
-        try:
-            size_bytes = part.writer.write(item.record, item.log_time_ns)
-        except StreamError as error:
-            # With chunks closed by `_flush` alone, this is never the output's fault.
-            self.refused[type(item.record)] += 1
-            self.refusal = str(error)
-            return 0
-        part.took(item, size_bytes)
-        if part.pending_bytes >= CHUNK_SIZE_BYTES:
-            self._flush()
-        return size_bytes
+    def _append(self, items: Sequence[Stamped]) -> None:
+        """Write items to the chunk in progress, or a full one's successor."""
+        sizes = self.bytes_by_type
+        for item in items:
+            log_time_ns, record, sequence = item
+            if log_time_ns >= self._part.ends_ns:
+                self._flush()
+                self.begin_part()
+            part = self._part
+            try:
+                size_bytes = part.writer.write(record, log_time_ns, log_time_ns, sequence)
+            except StreamError as error:
+                # With chunks closed by `_flush` alone, this is never the output's fault.
+                self.refused[type(record)] += 1
+                self.refusal = str(error)
+                continue
+            sizes[type(record)] += size_bytes
+            part.took(item, size_bytes)
+            if part.pending_bytes >= CHUNK_SIZE_BYTES:
+                self._flush()
 
     def _flush(self) -> None:
         try:
@@ -185,8 +189,7 @@ class SplitWriter:
         unwritten = self._part.pending
         self._close_failed(error)
         self._part = self._begin()
-        for item in unwritten:
-            self._append(item)
+        self._append(unwritten)
         self._flush()
 
     def _close_failed(self, error: StreamError) -> None:

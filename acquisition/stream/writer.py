@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Schema
@@ -13,18 +13,28 @@ from acquisition.clocks.clock_sample import ClockSample
 from acquisition.closing import ClosedOnExit
 from acquisition.errors import StreamError
 from acquisition.messages import codec
-from acquisition.messages.codec import DepthFormat, Recordable
+from acquisition.messages.codec import DepthFormat, MessageType, Recordable
 from acquisition.messages.depth_rvl import prepare_rvl
 from acquisition.messages.frames import StaticTransform, StaticTransforms
+from acquisition.stream.index_store import IndexStore
 from acquisition.stream.mcap_writer import McapWriter
 from acquisition.stream.output import StreamOutput
 from acquisition.stream.provenance import METADATA_NAME, provenance, software_versions
 from drivers.samples import Sample
 from drivers.source import SourceInfo
 
-CHUNK_SIZE_BYTES = 1 << 20
+CHUNK_SIZE_BYTES = 2 << 20
 FLUSH_INTERVAL_NS = 50_000_000
-_MAX_LOG_TIME_NS = 2**64 - 1  # the MCAP message record holds a uint64
+# What the MCAP message record has room for.
+_MAX_LOG_TIME_NS = 2**64 - 1
+_MAX_SEQUENCE = 2**32 - 1
+
+
+class _Route(NamedTuple):
+    """Which messages stand for a sample of one type, and the channel of each."""
+
+    rows: Sequence[MessageType]
+    channel_ids: Sequence[int]
 
 
 class StreamWriter(ClosedOnExit):
@@ -49,6 +59,7 @@ class StreamWriter(ClosedOnExit):
         depth_format: DepthFormat = "raw",
         flush_interval_ns: int = FLUSH_INTERVAL_NS,
         chunk_size_bytes: int = CHUNK_SIZE_BYTES,
+        index: IndexStore | None = None,
     ) -> None:
         """Start the stream; its head is with the operating system when this returns.
 
@@ -61,6 +72,8 @@ class StreamWriter(ClosedOnExit):
             depth_format: how depth frames are written; readers make no difference.
             flush_interval_ns: stream time after which an open chunk is closed.
             chunk_size_bytes: size before compression at which a chunk is closed.
+            index: memory for the chunk index, used again by the next writer; None for some of
+                its own.
 
         Raises:
             StreamError: the output cannot be written, the settings are not JSON, or two sources
@@ -68,11 +81,7 @@ class StreamWriter(ClosedOnExit):
         """
         self._sources = list(sources)
         self._settings = settings
-        self._types: set[type[Recordable]] = {
-            ClockSample,
-            *extra_types,
-            *_sample_types(sources),
-        }
+        types = {ClockSample, *extra_types, *_sample_types(sources)}
         self._left_out = codec.left_out_by(depth_format)
         if depth_format == "rvl":
             prepare_rvl()
@@ -82,13 +91,14 @@ class StreamWriter(ClosedOnExit):
         self._flushed_at_ns: int | None = None
         self._closed = False
         self._output = StreamOutput(output)
-        self._writer = McapWriter(self._output, chunk_size_bytes)
+        self._writer = McapWriter(self._output, chunk_size_bytes, index)
         try:
             self._writer.start("ros2", f"terravibe {software_versions()['terravibe']}")
             self._writer.add_metadata(METADATA_NAME, record)
             self._channels: dict[str, int] = {}
             self._schemas: dict[str, int] = {}
-            self._define_channels([StaticTransforms, *self._types])
+            self._define_channels([StaticTransforms, *types])
+            self._routes = {kind: self._route(kind) for kind in types}
             self._output.flush()
         except BaseException:
             self._output.close()
@@ -110,6 +120,7 @@ class StreamWriter(ClosedOnExit):
         for row in codec.types_of(types):
             if row.topic in self._left_out:
                 continue
+            codec.prepare(row)
             if row.ros_type not in self._schemas:
                 text = codec.schema_text(row.ros_type).encode()
                 schema_id = self._writer.register_schema(row.ros_type, "ros2msg", text)
@@ -120,6 +131,11 @@ class StreamWriter(ClosedOnExit):
             self._channels[row.topic] = channel_id
             Channel(channel_id, row.topic, "cdr", {}, schema_id).write(builder)
         self._output.write(builder.end())
+
+    def _route(self, kind: type[Recordable]) -> _Route:
+        """Return how such samples are written, whose channels are defined."""
+        rows = [row for row in codec.rows_of(kind) if row.topic not in self._left_out]
+        return _Route(rows, [self._channels[row.topic] for row in rows])
 
     def add_source(self, info: SourceInfo) -> None:
         """Announce a source that turned up late; the provenance is written again, with it.
@@ -133,7 +149,7 @@ class StreamWriter(ClosedOnExit):
         self._writer.add_metadata(METADATA_NAME, provenance(sources, self._settings))
         self._define_channels(info.produces)
         self._sources = sources
-        self._types.update(info.produces)
+        self._routes |= {kind: self._route(kind) for kind in info.produces}
 
     def add_metadata(self, name: str, record: Mapping[str, str]) -> None:
         """Write a metadata record; a reader keeps the last one of each name.
@@ -148,31 +164,45 @@ class StreamWriter(ClosedOnExit):
         if self._closed or self._output.failed:
             raise StreamError(f"cannot write {self._output.name}: it is closed or has failed")
 
-    def write(self, sample: Recordable, log_time_ns: int | None = None) -> int:
+    def write(
+        self,
+        sample: Recordable,
+        log_time_ns: int | None = None,
+        t_ns: int | None = None,
+        sequence: int | None = None,
+    ) -> int:
         """Append a sample; return its size before compression, bytes.
 
         Args:
             sample: of a type that one of the sources produces, of the extra types, or a clock.
             log_time_ns: the time by which the stream is ordered and flushed; without it, the
                 sample's own time.
+            t_ns: its time in the stream, where that is not its own.
+            sequence: its number in the stream, likewise.
 
         Raises:
             StreamError: closed, not announced, not expressible as a message, or the output
                 refused it (disk full).
         """
-        if self._closed or self._output.failed:
+        route = self._routes.get(type(sample))
+        if route is None or self._closed or self._output.failed:
             self._require_open()
-        if type(sample) not in self._types:
             raise StreamError(f"no source of this recording produces {type(sample).__name__}")
-        log_time_ns = sample.t_ns if log_time_ns is None else log_time_ns
+        if t_ns is None:
+            t_ns = sample.t_ns
+        if log_time_ns is None:
+            log_time_ns = t_ns
         if not 0 <= log_time_ns <= _MAX_LOG_TIME_NS:
             raise StreamError(f"log time {log_time_ns} ns is outside 0 to 2^64-1")
-        sequence = codec.checked_sequence(sample)
-        encoded = codec.encode(sample, self._left_out)
+        if sequence is None or not 0 <= sequence <= _MAX_SEQUENCE:
+            sequence = codec.checked_sequence(sample, sequence)
+        encoded = codec.encode_rows(sample, route.rows, t_ns, sequence)
         if self._flushed_at_ns is None:
             self._write_transforms(log_time_ns)
             self._flushed_at_ns = log_time_ns
-        size_bytes = self._append(encoded, sample.t_ns, log_time_ns, sequence)
+        size_bytes = self._writer.add_messages(
+            route.channel_ids, encoded, log_time_ns, t_ns, sequence
+        )
         if log_time_ns - self._flushed_at_ns >= self._flush_interval_ns:
             self.flush()
             self._flushed_at_ns = log_time_ns
@@ -181,21 +211,9 @@ class StreamWriter(ClosedOnExit):
     def _write_transforms(self, log_time_ns: int) -> None:
         if self._transforms:
             message = StaticTransforms(log_time_ns, self._transforms)
-            self._append(codec.encode(message), log_time_ns, log_time_ns, sequence=0)
-
-    def _append(
-        self,
-        encoded: Sequence[codec.EncodedMessage],
-        publish_time_ns: int,
-        log_time_ns: int,
-        sequence: int,
-    ) -> int:
-        size_bytes = 0
-        for topic, parts in encoded:
-            size_bytes += self._writer.add_message(
-                self._channels[topic], log_time_ns, publish_time_ns, sequence, parts
-            )
-        return size_bytes
+            route = self._route(StaticTransforms)
+            encoded = codec.encode_rows(message, route.rows, log_time_ns, 0)
+            self._writer.add_messages(route.channel_ids, encoded, log_time_ns, log_time_ns, 0)
 
     def flush(self) -> None:
         """Close the chunk in progress and hand it to the operating system.

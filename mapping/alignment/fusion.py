@@ -29,19 +29,27 @@ def moved(pose: RigidTransform, difference: Float64Array) -> RigidTransform:
 
 
 def fuse_pose(
-    prior: UncertainPose, alignment: Alignment, settings: AlignmentSettings
+    prior: UncertainPose,
+    alignment: Alignment,
+    settings: AlignmentSettings,
+    *,
+    hears_map: bool = False,
 ) -> UncertainPose:
     """Return the Kalman update of the prior, moved along the fixed directions only.
 
     K = D P (P + R)^-1, with D the projection on the directions: a prior without variance stays as
     it is, and so does every direction that the points do not fix, whatever the prior correlates.
     A prior that is further off than it claims (NIS per degree of freedom above 1) counts as that
-    much less certain: it is the one of the two that can be wrong by a degree.
+    much less certain: it is the one of the two that can be wrong by a degree. One that has heard
+    earlier alignments (`hears_map`) is given `prior_sigma_m` and `prior_sigma_rad` as well.
     """
     unit = metres_per_unit(settings)
     projection = alignment.directions @ alignment.directions.T * np.outer(1.0 / unit, unit)
     difference = pose_difference(alignment.pose.transform, prior.transform)
     p, r = prior.covariance, alignment.pose.covariance
+    if hears_map:
+        own = [settings.prior_sigma_m**2] * 3 + [settings.prior_sigma_rad**2] * 3
+        p = p + projection @ np.diag(own) @ projection.T
     nis = float(difference @ np.linalg.solve(p + r, difference))
     p = p * max(nis / alignment.directions.shape[1], 1.0)
     gain = projection @ np.linalg.solve(p + r, p).T

@@ -46,6 +46,11 @@ class Localiser:
         mounts: of the stream; filled while it goes on.
         settings, gravity: of alignment and gravity check.
         cell_size_m: of the map.
+
+    Attributes:
+        counts: what became of the frames.
+        slid_rad: by how much the map was found to lean, at most.
+        is_held: whether the map has corrected the last frame's pose.
     """
 
     def __init__(
@@ -58,6 +63,7 @@ class Localiser:
     ) -> None:
         self.counts = AlignmentCounts()
         self.slid_rad = 0.0
+        self.is_held = False
         self._misfits_in_a_row = 0
         self._poses = poses
         self._settings = settings
@@ -80,7 +86,9 @@ class Localiser:
             mount: T_body_sensor.
             grid: the map of the frames before.
         """
+        before = self.counts.aligned
         pose = self._aligned(reducer, prior, mount, grid)
+        self.is_held = self.counts.aligned > before
         if pose is not None:
             self._hold_against_gravity(pose)
         return pose
@@ -99,7 +107,8 @@ class Localiser:
         self._misfits_in_a_row = 0
         self.counts.aligned += 1
         self._poses.correct(alignment)
-        return fuse_pose(prior, alignment, self._settings)
+        hears_map = self._poses.hears_map
+        return fuse_pose(prior, alignment, self._settings, hears_map=hears_map)
 
     def _is_credible(self, alignment: Alignment, prior: UncertainPose) -> bool:
         """Tell whether the frame fits the map, at a place not far from the prior's."""

@@ -13,6 +13,8 @@ AlignmentForm = Literal["6-dof", "z-roll-pitch"]
 _POSITIVE = (
     "floor_m",
     "floor_rad",
+    "prior_sigma_m",
+    "prior_sigma_rad",
     "observable_m",
     "cut_m",
     "farthest_m",
@@ -32,6 +34,9 @@ class AlignmentSettings:
         form: "6-dof", or "z-roll-pitch", which leaves x, y and yaw alone.
         floor_m, floor_rad: an alignment is never believed to be better than this, per frame of
             `full_points` points; with fewer the floors grow in proportion.
+        prior_sigma_m, prior_sigma_rad: what a prior of the rover's own is worth against the map, on
+            top of what it claims, along the directions that the points fix: its filter takes one
+            alignment after another as independent, and they share the map's errors.
         full_points: number of points (cells seen) that a frame needs to be believed so far; a
             view full of ground has 2000 to 3500 of 4 cm.
         observable_m: directions in which the points fix the pose no better than this (a rotation
@@ -53,6 +58,8 @@ class AlignmentSettings:
     form: AlignmentForm = "6-dof"
     floor_m: float = 0.001
     floor_rad: float = math.radians(0.1)
+    prior_sigma_m: float = 0.01
+    prior_sigma_rad: float = math.radians(1.0)
     full_points: int = 700
     observable_m: float = 0.006
     lever_m: float = 1.5

@@ -62,12 +62,12 @@ class EgoMotionSettings:
         wheel_yaw_correlation_s: how long the error of the wheels' yaw rate stays the same.
         wheels_gap_s: wheels silent for longer are lost.
         acceleration_m_s2: sigma of the vehicle's own acceleration.
+        acceleration_time_s: its correlation time.
         ground_tilt_rad: without wheels: sigma of the pitch's changes on ground that looks flat by
             the roll.
         ground_tilt_time_s: correlation time of such changes.
         ground_walk_rad_per_sqrt_s: how fast the ground's slow pitch walks away from that of the
             last rest.
-        acceleration_time_s: its correlation time.
         speed_sigma_m_s: speeds to be expected of the vehicle.
         still_speed_m_s: wheels slower than this may stand.
         still_ratio, moving_ratio: vibration over its level at rest; quiet below the first,

@@ -24,15 +24,24 @@ from numpy.typing import NDArray
 
 from mapping.cells.elevation_map import ElevationMap
 from mapping.errors import MappingError
-from mapping.ground.fusion_kernels import REACH_SIGMA, Fused, Places, Surface, integrate
+from mapping.ground.fusion_kernels import (
+    CHUNK,
+    REACH_SIGMA,
+    Fused,
+    Places,
+    Surface,
+    choose_blocks,
+    integrate,
+)
 from mapping.judging.evaluation import CONFIRMED
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 _TABLE_SIZE = 257
-# A place that is less certain than 100 cells counts as if it were known to 100 cells.
-_LARGEST_CELLS2 = np.float32(100.0**2)
+# How the layers of a `Surface` are put together over a block, and what they are outside.
+_COMBINED = ((np.add, 0.0),) * 3 + ((np.minimum, np.inf), (np.maximum, -np.inf))
 _WHOLE = (slice(None), slice(None))
 
 
@@ -64,35 +73,85 @@ def fuse_map(map_: ElevationMap, window: tuple[slice, slice] = _WHOLE) -> FusedM
     if row_step != 1 or column_step != 1:
         raise MappingError(f"window {window} has a step; expected slices of neighbouring cells")
     out = Fused(*(np.full(map_.state[window].shape, np.nan, np.float32) for _ in Fused._fields))
-    cells = np.full(out.elevation_m.shape, 1.0 / map_.resolution_m**2, np.float32)
-    covariance = (map_.horizontal_xx_m2, map_.horizontal_xy_m2, map_.horizontal_yy_m2)
-    whole = map_.horizontal_xx_m2[window] + map_.horizontal_yy_m2[window]
-    cells *= _LARGEST_CELLS2 / np.maximum(whole * cells, _LARGEST_CELLS2)
-    places = Places(*(np.ascontiguousarray(layer[window] * cells) for layer in covariance))
-    margin = 2 + int(REACH_SIGMA * np.sqrt(np.nanmax(whole * cells, initial=1.0)))
-    integrate(_surface(map_, margin), places, row + margin, column + margin, _NARROW, out)
+    use = np.isfinite(map_.elevation_m) & np.isfinite(map_.variance_m2)
+    use &= (map_.state == CONFIRMED[0]) | (map_.state == CONFIRMED[1])
+    places = _places(map_, window, use)
+    level_m = float(map_.elevation_m[use].mean(dtype=np.float64)) if use.any() else 0.0
+    surface = _surface(map_, use, level_m)
+    for block in _sizes(places.blocks):
+        margin = _margin(places, block)
+        blocks = Surface(
+            *(
+                _over_blocks(layer, block, margin, combine, elsewhere)
+                for layer, (combine, elsewhere) in zip(surface, _COMBINED, strict=True)
+            )
+        )
+        integrate(blocks, places, (row + margin, column + margin), block, level_m, _NARROW, out)
     return FusedMap(*out)
 
 
-def _surface(map_: ElevationMap, margin: int) -> Surface:
-    use = np.isfinite(map_.elevation_m) & np.isfinite(map_.variance_m2)
-    use &= (map_.state == CONFIRMED[0]) | (map_.state == CONFIRMED[1])
+def _places(map_: ElevationMap, window: tuple[slice, slice], use: BoolArray) -> Places:
+    """Return the ellipses of a window, and at which blocks each is sampled."""
+    xx_m2, xy_m2, yy_m2 = (
+        np.ascontiguousarray(layer[window])
+        for layer in (map_.horizontal_xx_m2, map_.horizontal_xy_m2, map_.horizontal_yy_m2)
+    )
+    counts = np.ascontiguousarray(use[window])
+    places = Places(
+        np.zeros_like(xx_m2),
+        np.zeros_like(xy_m2),
+        np.zeros_like(yy_m2),
+        np.zeros(counts.shape, np.int64),
+    )
+    choose_blocks(xx_m2, xy_m2, yy_m2, counts, 1.0 / map_.resolution_m**2, places)
+    return places
+
+
+def _sizes(blocks: NDArray[np.int64]) -> list[int]:
+    """Return the sizes above 0 that are there, in order."""
+    return [int(n) for n in np.flatnonzero(np.bincount(blocks.reshape(-1))) if n > 0]
+
+
+def _margin(places: Places, block: int) -> int:
+    """Return how many cells the ellipses with such blocks reach beyond the map, at most."""
+    widest = max(
+        float(layer.max(where=places.blocks == block, initial=0.0))
+        for layer in (places.xx, places.yy)
+    )
+    return int(REACH_SIGMA * widest**0.5) + 3 * block
+
+
+def _surface(map_: ElevationMap, use: BoolArray, level_m: float) -> Surface:
+    """Return what is integrated, at every cell, without a margin."""
     vertical = np.maximum(map_.variance_m2 - map_.horizontal_m2, np.float32(0.0))
     bound = np.float32(3.0) * np.sqrt(vertical)
-
-    def padded(layer: Float32Array, elsewhere: float) -> Float32Array:
-        wide = np.full([size + 2 * margin for size in use.shape], elsewhere, np.float32)
-        inside = wide[margin : margin + use.shape[0], margin : margin + use.shape[1]]
-        np.copyto(inside, layer, where=use)
-        return wide
-
+    height = np.where(use, map_.elevation_m.astype(np.float64) - level_m, 0.0)
     return Surface(
-        padded(np.ones_like(bound), 0.0),
-        padded(map_.elevation_m, 0.0),
-        padded(vertical, 0.0),
-        padded(map_.elevation_m - bound, np.inf),
-        padded(map_.elevation_m + bound, -np.inf),
+        use.astype(np.float64),
+        height,
+        np.where(use, height * height + vertical, 0.0),
+        np.where(use, (map_.elevation_m - bound).astype(np.float64), np.inf),
+        np.where(use, (map_.elevation_m + bound).astype(np.float64), -np.inf),
     )
+
+
+def _over_blocks(
+    layer: Float64Array, block: int, margin: int, combine: np.ufunc, elsewhere: float
+) -> Float64Array:
+    """Return what the block around every cell holds together, with a margin.
+
+    The margin is wider on the right: cells are worked on in chunks.
+    """
+    rows, columns = layer.shape
+    wide = np.full((rows + 2 * margin, columns + 2 * margin + CHUNK), elsewhere)
+    wide[margin : margin + rows, margin : margin + columns] = layer
+    cells = wide.reshape(-1)  # what goes beyond a row's end comes from the margin
+    for step in (1, wide.shape[1]):
+        plain = cells.copy() if block > 1 else cells
+        for away in range(step, block // 2 * step + 1, step):
+            combine(cells[away:], plain[:-away], out=cells[away:])
+            combine(cells[:-away], plain[away:], out=cells[:-away])
+    return wide
 
 
 def narrow_table() -> Float64Array:

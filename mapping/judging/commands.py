@@ -14,8 +14,6 @@ from mapping.odometry_commands import add_comparison_arguments
 
 if TYPE_CHECKING:
     from mapping.cells.elevation_map import ElevationMap
-    from mapping.judging.evaluation import Scores
-    from mapping.judging.floor_evaluation import FloorScores
 
 
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,8 +28,15 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--trajectory",
         type=Path,
-        metavar="FILE.txt",
-        help="with --truth: the poses that the map was made with, where they are not the true ones",
+        metavar="FILE",
+        help="with --truth: the poses that the map was made with (.nc or TUM), where they are not "
+        "the true ones",
+    )
+    parser.add_argument(
+        "--origin",
+        choices=("world", "start"),
+        help="with --truth: the map is in the truth's frame, or begins where its rover stood (as "
+        "the map says of its poses)",
     )
     parser.add_argument("--figures", type=Path, metavar="DIR", help="draw into DIR")
     parser.add_argument("--json", action="store_true", help="print the scores as JSON")
@@ -54,16 +59,16 @@ def run_evaluate(options: argparse.Namespace, console: Console) -> int:
             "give one map with --truth FILE.nc or --floor-height-m M, or odometry EST TRUTH"
         )
     map_ = read_map(Path(options.subject[0]))
-    scores: Scores | FloorScores
     if options.truth and options.box:
         raise MappingError("--box is for --floor-height-m; a truth knows its boxes")
     if options.truth:
-        scores = _evaluate_truth(map_, options, console)
-    elif options.trajectory or options.figures:
-        raise MappingError("--trajectory and --figures need --truth; a flat floor has neither")
-    else:
-        box = read_box(options.box) if options.box else None
-        scores = evaluate_floor(map_, options.floor_height_m, box)
+        return _evaluate_truth(map_, options, console)
+    if options.trajectory or options.figures or options.origin:
+        raise MappingError(
+            "--trajectory, --origin and --figures need --truth; a flat floor has none of them"
+        )
+    box = read_box(options.box) if options.box else None
+    scores = evaluate_floor(map_, options.floor_height_m, box)
     if options.json:
         console.json(scores.as_json())
     else:
@@ -71,13 +76,19 @@ def run_evaluate(options: argparse.Namespace, console: Console) -> int:
     return OK
 
 
-def _evaluate_truth(map_: ElevationMap, options: argparse.Namespace, console: Console) -> Scores:
-    from drivers.depth.trajectory import read_trajectory
+def _evaluate_truth(map_: ElevationMap, options: argparse.Namespace, console: Console) -> int:
+    """Compare a map with the truth, taken to the map's frame."""
+    from mapping.judging.origin import Origin, in_frame_of, origin_name, start_origin
+    from mapping.judging.trajectory import read_trajectory_of
     from mapping.judging.truth import evaluate_truth, read_truth
     from mapping.output.figures import write_figures
 
     truth = read_truth(options.truth)
-    believed = read_trajectory(options.trajectory) if options.trajectory else None
+    believed = read_trajectory_of(options.trajectory) if options.trajectory else None
+    origin = Origin("world")
+    if (options.origin or origin_name(map_)) == "start":
+        origin = start_origin(truth, believed)
+        truth = in_frame_of(truth, origin)
     pose_source = map_.attributes.get("setting_pose_source", "mocap")
     if believed is None and pose_source != "mocap":
         console.note(
@@ -88,4 +99,8 @@ def _evaluate_truth(map_: ElevationMap, options: argparse.Namespace, console: Co
     if options.figures:
         with console.progress(f"drawing into {options.figures}"):
             write_figures(map_, options.figures, truth.truth_at(map_).height_m, scores)
-    return scores
+    if options.json:
+        console.json({**scores.as_json(), "origin": origin.as_json()})
+    else:
+        console.lines([origin.line(), *scores.lines()])
+    return OK

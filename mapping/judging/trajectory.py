@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from acquisition.messages.frames import BASE_FRAME, MOCAP_BODY_FRAME, StaticTransforms
 from acquisition.stream.byte_source import FinishedFile
 from acquisition.stream.reader import StreamReader
-from drivers.depth.trajectory import read_trajectory
+from drivers.depth.trajectory import Trajectory, read_trajectory
 from drivers.samples import PoseSample
 from mapping.errors import MappingError
 from mapping.files import write_whole
@@ -80,6 +80,16 @@ def read_path(path: Path) -> Path3D:
     if len(found) < 2:
         raise MappingError(f"{path} holds {len(found)} poses; expected two or more")
     return found
+
+
+def read_trajectory_of(path: Path) -> Trajectory:
+    """Read a trajectory of any of these kinds as plain poses.
+
+    Raises:
+        MappingError, DriverError, StreamError: as `read_path`.
+    """
+    found = read_path(path)
+    return Trajectory(path, found.t_ns, found.position_m, found.rotation.as_quat())
 
 
 def write_path(path: Path, poses: Sequence[UncertainPose]) -> None:

@@ -142,10 +142,7 @@ def _warnings(result: MapResult) -> list[str]:
     if report.unprotected_messages:
         lines.append(f"{report.unprotected_messages} messages have no checksum")
     if counts.frames_without_pose:
-        lines.append(
-            f"{counts.frames_without_pose} depth frames have no pose within "
-            f"{result.settings.pose_gap_max_s} s around them and were not mapped"
-        )
+        lines.append(_without_pose(counts.frames_without_pose, result.settings))
     if counts.misfits:
         lines.append(
             f"{counts.misfits} depth frames fit the map nowhere near their pose; the first of each "
@@ -166,3 +163,16 @@ def _warnings(result: MapResult) -> list[str]:
     if counts.poses_out_of_order:
         lines.append(f"{counts.poses_out_of_order} poses came out of order and were not used")
     return lines
+
+
+def _without_pose(frames: int, settings: MapSettings) -> str:
+    """Say that frames have no pose, in the terms of the source that they should have one from."""
+    if settings.pose_source.startswith("mocap"):
+        return (
+            f"{frames} depth frames have no pose within {settings.pose_gap_max_s} s around them "
+            "and were not mapped"
+        )
+    return (
+        f"{frames} depth frames lie before the first sample of the motion sensors or behind the "
+        "last and were not mapped"
+    )

@@ -42,6 +42,7 @@ class EstimatedPoses:
     """
 
     body_frame = BASE_FRAME
+    hears_map = True
 
     def __init__(
         self,

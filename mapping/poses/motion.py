@@ -26,7 +26,8 @@ class MotionTracker:
 
     Args:
         poses: asked for the covariance of each motion.
-        with_covariance: whether anybody wants it; zeros otherwise.
+        with_covariance: whether every motion's is wanted; otherwise only those of motions that
+            `step` is told to be free, zeros for the others.
         told: pose at the end of the last motion of the run before, if there is one.
 
     Attributes:
@@ -41,18 +42,25 @@ class MotionTracker:
         self.told = told
         # The clock of another recording may be behind that of the run before.
         self._new_clock = told is not None
+        self._was_free = False
 
     def is_overdue(self, now_ns: int) -> bool:
         """Tell whether it is long since the last motion."""
         return self.told is not None and now_ns - self.told.t_ns > _OVERDUE_NS
 
-    def step(self, pose: UncertainPose) -> RelativeMotion | None:
-        """Return the motion since the last one; None while it is too short to be told."""
+    def step(self, pose: UncertainPose, *, is_free: bool = False) -> RelativeMotion | None:
+        """Return the motion since the last one; None while it is too short to be told.
+
+        Args:
+            pose: of the rover now.
+            is_free: a map that holds other poses does not hold this one.
+        """
         last, new_clock = self.told, self._new_clock
         self._new_clock = False
         if last is None:
             self.told = pose
             return None
+        self._was_free |= is_free
         way_m = float(np.linalg.norm(pose.transform.translation_m - last.transform.translation_m))
         turn_rad = yaw_of(last.transform.inverse() @ pose.transform)
         moved = way_m >= _STEP_M or abs(turn_rad) >= _STEP_RAD
@@ -63,8 +71,9 @@ class MotionTracker:
             return None
         self.told = pose
         covariance = np.zeros((4, 4))
-        if self._with_covariance:
+        if self._with_covariance or self._was_free:
             covariance = self._poses.motion_covariance(last, pose)
+        self._was_free = is_free
         return RelativeMotion(
             t_ns=pose.t_ns,
             position_m=pose.transform.translation_m,

@@ -24,6 +24,7 @@ class RecordedPoses:
     """
 
     body_frame = MOCAP_BODY_FRAME
+    hears_map = False
 
     def __init__(self, gap_max_s: float) -> None:
         self._gap_max_s = gap_max_s

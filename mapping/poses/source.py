@@ -38,6 +38,10 @@ class PoseSource(Protocol):
         """Name of the frame whose poses these are."""
 
     @property
+    def hears_map(self) -> bool:
+        """Whether `correct` changes the poses to come."""
+
+    @property
     def counts(self) -> PoseCounts:
         """What became of the input so far."""
 

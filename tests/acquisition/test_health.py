@@ -20,7 +20,7 @@ from acquisition.health.snapshot import (
     status_of,
 )
 from acquisition.health.stream_track import StreamStatistics
-from acquisition.health.views import lines_of, table_of
+from acquisition.health.views import lines_of, table_of, totals_of
 from acquisition.messages import codec
 from acquisition.recording.sample_queue import QueueState
 
@@ -97,6 +97,14 @@ def test_lines_say_who_is_in_trouble() -> None:
         "OK gyro: 399.8/400 Hz recording",
         "ERROR wheels: can0: network is down",
         "WARN disk slow",
+    ]
+
+
+def test_the_end_says_what_every_source_has_given() -> None:
+    source = replace(with_figures(gaps=2, missed=3), losses=1, queue=replace(QUEUE, dropped=7))
+    assert totals_of(replace(SNAPSHOT, sources=(source, WHEELS))) == [
+        "  gyro: 4000 samples, 2 gaps, 3 missing, 7 dropped, lost 1 times",
+        "  wheels: nothing; can0: network is down",
     ]
 
 

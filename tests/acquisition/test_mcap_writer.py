@@ -51,8 +51,9 @@ def by_ours(todo: list[Any], chunk_size_bytes: int) -> bytes:
     stream = io.BytesIO()
     writer = McapWriter(StreamOutput(stream), chunk_size_bytes)
 
-    def add(*message: Any) -> None:
-        assert writer.add_message(*message) == sum(map(len, message[-1]))
+    def add(channel: int, log_ns: int, publish_ns: int, sequence: int, parts: list[bytes]) -> None:
+        size_bytes = writer.add_messages([channel], [tuple(parts)], log_ns, publish_ns, sequence)
+        assert size_bytes == sum(map(len, parts))
 
     do_all(writer, add, todo)
     return stream.getvalue()

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from acquisition.clocks.clock_sample import ClockSample
+from acquisition.clocks.host_clock import HostClock
 from acquisition.errors import RecorderError, StreamError
 from acquisition.health.diagnostics import Diagnostics
 from acquisition.health.snapshot import HealthSnapshot
@@ -34,6 +35,7 @@ from drivers.errors import DriverError
 from drivers.samples import AccelerationSample, DepthFrame, PoseSample, Sample
 from drivers.source import SourceInfo
 from tests.acquisition.test_stream_writer import files_may_grow_to
+from tests.fakes.clocks import FakeHost
 from tests.fakes.device_samples import MAKERS
 from tests.fakes.recordings import MOUNT, START_NS, acceleration, depth_frame, pose
 from tests.fakes.scripted_source import ScriptedSource, Step
@@ -380,7 +382,7 @@ def test_a_disk_that_fails_counts_what_was_not_written(tmp_path: Path) -> None:
     path = tmp_path / "r.mcap"
     script = [[acceleration(i, i * MS) for i in range(100 * k, 100 * k + 100)] for k in range(200)]
     imu = ScriptedSource("imu", script)
-    with files_may_grow_to(60_000):
+    with files_may_grow_to(120_000):
         result = record(path, [imu])
     assert result.outcome == "output_failed"
     assert "File too large" in result.message
@@ -454,6 +456,43 @@ def test_the_clocks_of_the_host_are_recorded_in_log_time(tmp_path: Path) -> None
     assert [(clock.t_ns, clock.sequence, clock.boot_id) for clock in clocks] == [
         (START_NS, 0, "boot")
     ]
+
+
+def test_steps_of_the_clock_and_a_suspend_are_told_and_move_no_stamp(tmp_path: Path) -> None:
+    host, beat = FakeHost(), Event()
+    hour_ns = 3600 * 10**9
+
+    def step(amount_ns: int) -> None:
+        host.real_offset_ns += amount_ns
+
+    moves: list[Callable[[], None]] = [
+        lambda: None,
+        lambda: step(hour_ns),
+        lambda: step(-hour_ns),
+        lambda: host.suspend(90 * 10**9),
+    ]
+
+    def script() -> Iterator[Step]:
+        for number, move in enumerate(moves):
+            beat.clear()
+            move()
+            host.monotonic_ns += 10**9
+            yield [acceleration(number, host.monotonic_ns)]
+            assert beat.wait(10.0)  # the recorder has looked at the clocks
+
+    clock, path = HostClock(host.clocks), tmp_path / "r.mcap"
+    began_ns = clock.log_time_ns(clock.monotonic_ns())
+    recorder = Recorder([ScriptedSource("imu", script())], output(path), QUICK, clock)
+    recorder.run(Event(), lambda _: beat.set())
+    messages, _ = read(path)
+    assert [s.t_ns for s in of_type(messages, AccelerationSample)] == [
+        began_ns + number * 10**9 for number in (1, 2, 3, 4)
+    ]
+    log_times_ns = [message.log_time_ns for message in messages]
+    assert log_times_ns == sorted(log_times_ns)
+    told = [(c.event, c.event_ns) for c in of_type(messages, ClockSample) if c.event]
+    steps = [("real_time_step", hour_ns), ("real_time_step", -hour_ns)]
+    assert told == [*steps, ("suspend", 90 * 10**9)]
 
 
 def test_a_replayed_recording_keeps_to_its_own_times(tmp_path: Path) -> None:

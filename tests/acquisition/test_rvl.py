@@ -6,7 +6,7 @@ import io
 import struct
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,12 +15,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
+from acquisition.commands.console import Console, prepare_depth_code
 from acquisition.editing.cut_and_merge import cut
 from acquisition.errors import StreamError
 from acquisition.inspection import check, inspect
-from acquisition.messages import codec
+from acquisition.messages import codec, depth_rvl
 from acquisition.messages.depth_rvl import COMPRESSED_TYPE, RVL_TOPIC
 from acquisition.messages.ros_types import typestore
+from acquisition.messages.rvl_kernels import pack, unpack
 from acquisition.replay import Replay
 from acquisition.stream.writer import StreamWriter
 from drivers.samples import CameraIntrinsics, DepthFrame
@@ -166,3 +168,28 @@ def test_a_recording_says_the_same_under_rvl(tmp_path: Path) -> None:
     frame = next(s for s in source.read(0.0) if isinstance(s, DepthFrame))
     source.close()
     assert same(replace(frame, sequence=0), replace(depth_frame(0, frame.t_ns), sequence=0))
+
+
+class Notes:
+    """A console that keeps what it is told beside the result."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.told.append(text)
+
+
+def test_only_the_first_use_compiles_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    console = Notes()
+    monkeypatch.setattr(depth_rvl, "are_cached", lambda _: False)
+    prepare_depth_code(cast(Console, console))
+    (told,) = console.told
+    assert "compiling the code for depth images" in told
+    monkeypatch.undo()
+    assert depth_rvl.rvl_is_cached()
+    prepare_depth_code(cast(Console, console))
+    assert console.told == [told]
+    decoded(message_of(frame_of(np.ones((3, 4), np.uint16))))
+    # What was prepared is what is used: nothing is compiled for other types of arguments.
+    assert [len(kernel.signatures) for kernel in (pack, unpack)] == [1, 1]

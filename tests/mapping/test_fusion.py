@@ -64,7 +64,24 @@ def test_on_a_plane_the_variance_is_the_closed_form(
     assert fused.elevation_m[20, 20] == pytest.approx(0.0, abs=1e-5)
     assert fused.lower_m[20, 20] <= -0.012
     assert fused.upper_m[20, 20] == pytest.approx(-fused.lower_m[20, 20], abs=1e-5)
-    assert 2.0 <= fused.upper_m[20, 20] / math.sqrt(expected) <= 4.7
+    assert 2.0 <= fused.upper_m[20, 20] / math.sqrt(expected) <= 5.1
+
+
+def test_a_wide_ellipse_leaves_no_cell_out() -> None:
+    """10 x 7 cells of sigma: sampled at blocks, with the closed form, and every rock in bounds."""
+    covariance, slope = _ellipse(0.4, 0.28, 0.7), np.array([0.2, -0.1])
+    y, x = np.mgrid[-45:46, -45:46] * CELL_M
+    plane = slope[0] * x + slope[1] * y
+    window = (slice(45, 46), slice(45, 46))
+    fused = fuse_map(_placed(make_map(plane, 0.004), covariance), window)
+    expected = 0.004**2 + slope @ covariance @ slope
+    assert fused.variance_m2[0, 0] == pytest.approx(expected, rel=0.05)
+    assert fused.elevation_m[0, 0] == pytest.approx(0.0, abs=1e-5)
+    for row, column in ((45, 52), (51, 49), (60, 55), (33, 38)):
+        rock = plane.copy()
+        rock[row, column] = 3.0
+        fused = fuse_map(_placed(make_map(rock, 0.004), covariance), window)
+        assert fused.upper_m[0, 0] == pytest.approx(3.012, abs=1e-5)
 
 
 def test_the_ellipse_turns_the_way_its_covariance_says() -> None:

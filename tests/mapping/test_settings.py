@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.errors import MappingError
 from mapping.settings import MapSettings
 
@@ -21,6 +23,22 @@ MAY_BE_ZERO = {
     "overhang_clearance_m",
 }
 NUMBERS = [item.name for item in fields(MapSettings) if isinstance(item.default, int | float)]
+
+
+def test_the_docs_name_every_setting_of_ego_motion() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "ego_motion.md").read_text()
+    rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| `")]
+    told = {
+        name.strip("`"): value
+        for names, values, *_ in rows
+        for name, value in zip(
+            names.removeprefix("| ").split(", "), values.split(", "), strict=True
+        )
+    }
+    ours = {item.name: item.default for item in fields(EgoMotionSettings)}
+    assert told.keys() == ours.keys()
+    for name, value in ours.items():
+        assert told[name] == (str(value).lower() if isinstance(value, bool) else f"{value:g}")
 
 
 @pytest.mark.parametrize("name", NUMBERS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -110,7 +111,7 @@ def _broken(pose: PoseSample, name: str, place: int, value: float) -> PoseSample
     """Return the pose with one of its numbers replaced."""
     array = np.array(getattr(pose, name))
     array.reshape(-1)[place % array.size] = value
-    changes = {name: frozen_array(array, array.shape)}
+    changes: dict[str, Any] = {name: frozen_array(array, array.shape)}
     return replace(pose, **changes)
 
 

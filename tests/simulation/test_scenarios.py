@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from acquisition.clocks.device_clock import DeviceClock, DeviceClockSettings
 from acquisition.messages import frames
 from acquisition.messages.frames import StaticTransform
 from drivers.errors import DriverError, EndOfSource
-from drivers.samples import DepthFrame, PoseSample, Sample
+from drivers.samples import DepthFrame, PoseSample, Sample, VibrationSample
 from mapping.calibration_file import parse_noise
 from mapping.mounts import MountTree
 from simulation.devices.depth_camera import DepthCamera
@@ -57,6 +58,21 @@ def test_all_devices_report_in_the_order_of_their_stamps(
     assert kinds[PoseSample] == 401
     assert source.read(0.0)[0].t_ns == stamps[0]  # opened again, it begins again
     source.close()
+
+
+def test_the_vibration_sensor_s_ticks_are_of_the_counter_that_is_announced(
+    driven: tuple[ScenarioSource, list[Sample]],
+) -> None:
+    source, samples = driven
+    counter = source.open().counter
+    source.close()
+    found = [s for s in samples if isinstance(s, VibrationSample) and s.device_ticks is not None]
+    assert counter is not None
+    clock = DeviceClock(DeviceClockSettings(counter.rate_hz, counter.wrap_ticks))
+    late_s = [(s.t_ns - clock.translate(s.device_ticks or 0, s.t_ns)) * 1e-9 for s in found]
+    assert len(found) > 300
+    assert not clock.take_events()  # the counter runs at that rate
+    assert 0.0 <= min(late_s) <= max(late_s) < 0.05
 
 
 def test_a_camera_that_is_unplugged_leaves_a_gap_in_frames_and_numbers(

@@ -52,6 +52,16 @@ def test_directions_that_are_not_fixed_keep_the_prior_whatever_it_correlates() -
     assert np.linalg.norm(left[2:5] - SHIFT[2:5]) < 0.2 * np.linalg.norm(SHIFT[2:5])
 
 
+def test_a_prior_that_has_heard_the_map_yields_to_it() -> None:
+    """It claims a tenth of a millimetre; where the points fix nothing, that stands."""
+    prior = UncertainPose(0, POSE, np.eye(6) * 1e-8)
+    fused = fuse_pose(prior, _alignment([2, 3, 4], 1e-6), SETTINGS, hears_map=True)
+    left = pose_difference(fused.transform, POSE)
+    np.testing.assert_allclose(left[2:5], SHIFT[2:5], rtol=0.02)
+    np.testing.assert_array_equal(fused.transform.translation_m[:2], POSE.translation_m[:2])
+    assert (np.diag(fused.covariance)[[0, 1, 5]] < 1e-7).all()
+
+
 def test_it_is_the_mean_weighted_by_information() -> None:
     prior = _prior(2)
     variance = 1e-4

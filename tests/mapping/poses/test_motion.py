@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.motion.pose_errors import ABSOLUTE, ALIGNED, RELATIVE
@@ -30,6 +31,24 @@ def test_way_adds_up_in_steps() -> None:
     assert len(told) == 10
     assert sum(motion.distance_m for motion in told) == pytest.approx(0.6)
     assert told[-1].position_m[0] == pytest.approx(0.6)
+
+
+class _Unsure(RecordedPoses):
+    def motion_covariance(
+        self,
+        before: UncertainPose,
+        after: UncertainPose,
+    ) -> NDArray[np.float64]:
+        return np.eye(4)
+
+
+def test_only_motions_that_no_map_held_are_uncertain() -> None:
+    """The first frame has no map; from 1.0 to 1.5 s nothing is seen."""
+    tracker = MotionTracker(_Unsure(0.2), with_covariance=False)
+    free = [n == 0 or 10 <= n <= 15 for n in range(31)]
+    ways = [tracker.step(_pose(0.1 * n, 0.06 * n), is_free=free[n]) for n in range(31)]
+    uncertain = [n for n, motion in enumerate(ways) if motion and motion.covariance.any()]
+    assert uncertain == list(range(10, 17))
 
 
 def test_trembling_is_no_way() -> None:
