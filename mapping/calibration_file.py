@@ -61,6 +61,7 @@ class NoiseCoefficients(_Strict):
     bias_sigma_m: _NotNegative = 0.0
     bias_sigma_quadratic_per_m: _NotNegative = 0.0
     correlation_area_px: Annotated[float, Field(ge=1.0, allow_inf_nan=False)] = 1.0
+    fixed_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.3
     range_min_m: _Positive = 0.4
     range_max_m: _Positive = 4.0
 

@@ -33,6 +33,7 @@ from mapping.motion.ledger import MotionLedger
 from mapping.motion.pose_errors import PoseErrorModel
 from mapping.motion.read_out import Rover
 from mapping.motion.relative import RelativeMotion
+from mapping.motion.repeats import Repeats
 from mapping.motion.run_state import RunState
 from mapping.mounts import MountTree
 from mapping.noise import DepthNoiseModel
@@ -98,6 +99,7 @@ class Mapper:
         if settings.pose_source != "mocap":
             self._motion = MotionTracker(self._poses, with_covariance=wanted, told=before.told)
         self._mounts = MountTree()
+        self._repeats = Repeats(jittering=settings.pose_source == "mocap")
         self._localiser: Localiser | None = None
         if is_aligned(settings):
             self._localiser = Localiser(
@@ -230,7 +232,8 @@ class Mapper:
         view = View(counted, pose.transform @ mount)
         farthest = max(reducers, key=lambda reducer: reducer.noise.range_max_m)
         window = self._grid.prepare(farthest.footprint(view), *self._rover_m)
-        constants = [self._constants(reducer, view, window) for reducer in reducers]
+        repeats = self._repeats.count(view.T_terrain_sensor, counted)
+        constants = [self._constants(reducer, view, window, repeats) for reducer in reducers]
         sums = [
             self._reduce(reducer, count, view, window, c)
             for reducer, count, c in zip(reducers, readings, constants, strict=True)
@@ -249,7 +252,9 @@ class Mapper:
         """Take a frame's readings; return how many are left without those of the rover itself."""
         return reducer.load(frame.depth_mm) - self._drop_own_body(reducer)
 
-    def _constants(self, reducer: FrameReducer, view: View, window: CellWindow) -> FrameConstants:
+    def _constants(
+        self, reducer: FrameReducer, view: View, window: CellWindow, repeats: int
+    ) -> FrameConstants:
         """Return what the update needs to know of this frame, its pose's errors among it."""
         constants = reducer.frame_constants(view, window, self._grid.position(window))
         errors = self.pose_errors
@@ -257,6 +262,7 @@ class Mapper:
             frame_m2=errors.frame_sigma_m**2,
             frame_rad2=errors.frame_sigma_rad**2,
             drift_per_m=errors.drift_per_m,
+            repeats=float(repeats),
         )
 
     def _reduce(

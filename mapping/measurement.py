@@ -215,6 +215,7 @@ class FrameReducer:
             bias_2_per_m=self._noise.bias_sigma_quadratic_per_m,
             correlation_area_px=max(self._noise.correlation_area_px / self._decimation**2, 1.0),
             range_min_m=self._noise.range_min_m,
+            fixed_share=self._noise.fixed_share,
         )
 
 

@@ -45,6 +45,8 @@ class DepthNoiseModel:
         bias_sigma_m, bias_sigma_quadratic_per_m: s0, s2; one draw per device and run.
         correlation_area_px: pixels of the 640 px wide image that share one noise draw: the
             autocorrelation summed over all lags; see `independent_readings`; 1 = white noise.
+        fixed_share: share of a reading's variance that is the same in all frames from one place;
+            by default what the depth step, (k z^2)^2 / 12, is of Nguyen's spread at 1.5-4 m.
         range_min_m, range_max_m: readings outside are not mapped.
     """
 
@@ -62,6 +64,7 @@ class DepthNoiseModel:
     bias_sigma_m: float = 0.0
     bias_sigma_quadratic_per_m: float = 0.0
     correlation_area_px: float = 1.0
+    fixed_share: float = 0.3
     range_min_m: float = 0.4
     range_max_m: float = 4.0
 
@@ -153,6 +156,7 @@ KINECT_QUANTISATION = DepthNoiseModel(
     name="kinect-quantisation",
     axial_offset_m=0.0,
     quantum_per_m=1.0 / (8.0 * KINECT_V1_FOCAL_BASELINE_PX_M),
+    fixed_share=1.0,
 )
 
 PRESETS = {model.name: model for model in (KINECT_V1, NGUYEN_2012, KINECT_QUANTISATION)}

@@ -103,7 +103,7 @@ class MapSettings:
     sigma_ceiling_m: float = 1.0
     common_correlation_time_s: float = 0.3
     relief_share: float = 0.02
-    relief_frames: float = 5.0
+    relief_frames: float = 1.0
     mount_sigma_m: float = 0.0
     mount_sigma_rad: float = 0.0
     range_min_m: float = 0.4

@@ -172,7 +172,7 @@ class MapSection(_Strict):
     sigma_ceiling_m: _Positive = 1.0
     common_correlation_time_s: _NotNegative = 0.3
     relief_share: _NotNegative = 0.02
-    relief_frames: _NotNegative = 5.0
+    relief_frames: _NotNegative = 1.0
     range_min_m: _Positive = 0.4
     range_max_m: _Positive = 4.0
     confirmed_frames: _Count = 2

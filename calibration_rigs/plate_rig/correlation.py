@@ -30,7 +30,10 @@ def correlation_area_px(residual: FloatArray) -> float:
     pairs = _correlate(there.astype(flat.dtype), shape)
     with np.errstate(invalid="ignore", divide="ignore"):
         covariance = np.where(pairs > 50.0, products / pairs, 0.0)
-    rho = covariance / covariance[_REACH_PX, _REACH_PX]
+    variance = covariance[_REACH_PX, _REACH_PX]
+    if not variance > 0.0:  # every pixel on the plane to the last bit: nothing tells who shares
+        return 1.0
+    rho = covariance / variance
     v, u = np.ogrid[-_REACH_PX : _REACH_PX + 1, -_REACH_PX : _REACH_PX + 1]
     ring = np.rint(np.hypot(u, v)).astype(int)
     means = np.bincount(ring.ravel(), rho.ravel()) / np.bincount(ring.ravel())

@@ -20,6 +20,13 @@ from mapping.settings import MapSettings
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 
+# Share of the spread of an inclined cell that may lie on one side of it unseen, over its slope
+# squared; found on simulated lunar ground, where what is steep over a cell is the rim of something.
+_STEEP_SHARE = np.float32(3.0)
+# A cell with n readings in a frame has this / n^2 of its height from around it: noise carries
+# readings over the border, and where few belong many of those that are there have strayed.
+_SPARSE_PX2 = np.float32(2.0)
+
 
 class CellState(IntEnum):
     """What is known of a cell."""
@@ -117,12 +124,17 @@ def read_out(
 
     Variance = what differs from frame to frame + |sensitivities to the constant errors|^2 +
     mount_sigma_m^2 + relief + what poses and motions of the `rover` add (nothing when left out; see
-    `mapping.motion.pose_errors`). Relief is relief_share * (spread inside the cell +
-    |slope|^2 d^2 / 12) + min(2, relief_share + relief_frames / frames) * (variance around a plane
-    in 5 x 5 cells). The slope term is spread that one view does not show: a far image row crosses a
-    cell along one line. The last term is the ground that few views have sampled here and there in
-    the cell. Rounding the height to float32 counts as noise that differs from frame to frame; it
-    matters some kilometres above the origin of the terrain frame (0.3 mm at 10 km).
+    `mapping.motion.pose_errors`). Relief is relief_share * spread inside the cell +
+    (relief_share + min(1, 3 |slope|^2)) * |slope|^2 d^2 / 12 + min(2, relief_share +
+    relief_frames / frames + 2 (frames / pixels)^2) * (variance around a plane in 5 x 5 cells) +
+    spread beyond (d / 2)^2.
+    The slope term is spread that one view does not show: a far image row crosses a cell along one
+    line, and of a steep cell one side is in view and another is not. The next term is the ground
+    that few views have sampled here and there in the cell, or that is its neighbours': where a
+    frame has few readings, noise has carried many of them over the border. The last one is what
+    stands up in the cell, which then has no single height: its bounds hold the top of a thin post.
+    Rounding the height to float32 counts as noise that differs from frame to frame; it matters some
+    kilometres above the origin of the terrain frame (0.3 mm at 10 km).
 
     Raises:
         MappingError: the grid has seen nothing.
@@ -187,12 +199,18 @@ def _relief_m2(
     confirmed: NDArray[np.bool_],
     settings: MapSettings,
 ) -> Float32Array:
-    spread = np.maximum(layers.relief_m2, np.float32(0.0))
-    spread += slope2 * np.float32(settings.resolution_m**2 / 12.0)
+    inclined = slope2 * np.float32(settings.resolution_m**2 / 12.0)
+    spread = np.maximum(layers.relief_m2, np.float32(0.0)) + inclined
     around = np.empty_like(spread)
     surrounding_relief(layers.elevation_m, independent_m2, confirmed, around)
-    unsampled = settings.relief_share + settings.relief_frames / np.maximum(layers.frames, 1)
-    relief = np.float32(settings.relief_share) * spread
+    frames = np.maximum(layers.frames, 1)
+    sparse = _SPARSE_PX2 * np.square(frames / np.maximum(layers.pixels, 1))
+    unsampled = settings.relief_share + settings.relief_frames / frames + sparse
+    relief: Float32Array = np.float32(settings.relief_share) * spread
+    relief += np.minimum(_STEEP_SHARE * slope2, np.float32(1.0)) * inclined
+    # More spread than a slope of 60 degrees has: something tall, whose top the bounds must hold.
+    tall_m2 = np.float32(settings.resolution_m**2 / 4.0)
+    relief += np.maximum(layers.relief_m2 - tall_m2, np.float32(0.0))
     relief += np.minimum(unsampled, 2.0).astype(np.float32) * around
     return relief
 

@@ -15,7 +15,8 @@ class FrameConstants(NamedTuple):
     rXY: elements of C_TS. pose_*: entries of the pose covariance, z, rotation about x and about y.
     mount_rad: sigma of the mount's rotation. bias_*: sigma of the depth bias is bias_0 +
     bias_2 z^2. range_min_m: no reading is nearer. frame_*, drift_per_m: of the gate alone, see
-    `mapping.motion.pose_errors`.
+    `mapping.motion.pose_errors`. repeats: frames before this one that were taken from the same
+    place. fixed_share: of the pixels' noise, see `mapping.noise`.
     """
 
     t_ns: int
@@ -52,6 +53,8 @@ class FrameConstants(NamedTuple):
     frame_m2: float = 0.0
     frame_rad2: float = 0.0
     drift_per_m: float = 0.0
+    repeats: float = 0.0
+    fixed_share: float = 0.0
 
 
 class FusionConstants(NamedTuple):

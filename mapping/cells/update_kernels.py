@@ -3,8 +3,9 @@
 All arithmetic is float64; most stored layers are float32. Cells are taken in blocks: gathered into
 one array, updated by a loop without a branch that the compiler turns into vector instructions, and
 put back. Each cell is on its own, so the result depends neither on order nor on the vector width.
-All compiled code of the update is in this file, but for one formula of `mapping.noise`: numba looks
-for changes in the file of a cached kernel, not in what it calls.
+All compiled code that touches cells is in this file: numba looks for changes in the file of a
+cached kernel, not in what it calls; whoever changes `mapping.cells.frame_errors` or the formula of
+`mapping.noise` deletes the cache.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mapping.cells.cell_layers import CellLayers
+from mapping.cells.frame_errors import common_m2, frames_m2, shared_m2, systematic
 from mapping.cells.update_constants import FrameConstants, FusionConstants
 from mapping.cells.update_types import (
     Known,
@@ -34,6 +36,7 @@ Float64Array = NDArray[np.float64]
 _independent: Any = njit(inline="always")(independent_readings)
 
 _MOST_PIXELS = 2.0**32 - 1.0
+_NOTHING_M2 = 1e-30
 # Cells of a block: all their numbers stay in the first-level cache.
 _BLOCK = 128
 # Rows of a block's array: sums of the frame, place of the cell's middle, what the map knows.
@@ -43,49 +46,6 @@ _HEIGHT, _VARIANCE, _A, _B, _C, _BIAS, _RELIEF, _SEEN_PIXELS, _FRAMES, _SINCE = 
 )
 _XX, _XY, _YY, _STALE, _ACCEPTED = range(16 * _BLOCK, 21 * _BLOCK, _BLOCK)
 _SIZE = 21 * _BLOCK
-
-
-@njit(inline="always")
-def _systematic(c: FrameConstants, x: float, y: float, rise: float) -> Systematic:
-    """Sensitivity of height to the constant errors, for a point l = (x, y, rise) from the camera.
-
-    Mount, a small rotation d of the sensor in its own axes: dh = e . (C d x l) = (C' (l x e)) . d
-    with l x e = (y, -x, 0). Bias: moves the point along its ray, dh = rise / z dz; the middle of a
-    large cell may be nearer than any reading.
-    """
-    depth = max(c.r02 * x + c.r12 * y + c.r22 * rise, c.range_min_m)
-    bias = rise / depth * (c.bias_0_m + c.bias_2_per_m * depth * depth)
-    return Systematic(
-        c.mount_rad * (c.r00 * y - c.r10 * x),
-        c.mount_rad * (c.r01 * y - c.r11 * x),
-        c.mount_rad * (c.r02 * y - c.r12 * x),
-        bias,
-    )
-
-
-@njit(inline="always")
-def _common_m2(c: FrameConstants, x: float, y: float) -> float:
-    """J Sigma_pose J' with J = [e, (r_y, -r_x, 0)], r = lever arm from the tracked body.
-
-    Yaw has no entry: turning the rover moves no height.
-    """
-    rx = x + c.lever_x_m
-    ry = y + c.lever_y_m
-    variance = (
-        c.pose_zz
-        + ry * ry * c.pose_aa
-        + rx * rx * c.pose_bb
-        + 2.0 * (ry * c.pose_za - rx * c.pose_zb - rx * ry * c.pose_ab)
-    )
-    return max(variance, 0.0)
-
-
-@njit(inline="always")
-def _frames_m2(c: FrameConstants, x: float, y: float, stale_m: float) -> float:
-    """V_frame of the measurement and V_frame + V_drift of the map, which are not in R and V."""
-    rx = x + c.lever_x_m
-    ry = y + c.lever_y_m
-    return (c.frame_m2 + c.frame_rad2 * (rx * rx + ry * ry)) * (2.0 + c.drift_per_m * stale_m)
 
 
 @njit(inline="always")
@@ -107,8 +67,8 @@ def _reduce(sums: Sums, c: FrameConstants) -> Measurement:
     return Measurement(
         mean + c.camera_z_m,
         own,
-        _common_m2(c, sums.x_m, sums.y_m),
-        _systematic(c, sums.x_m, sums.y_m, mean),
+        common_m2(c, sums.x_m, sums.y_m),
+        systematic(c, sums.x_m, sums.y_m, mean),
         relief,
         sums.pixels,
     )
@@ -210,7 +170,7 @@ def _agrees(
 
 
 @njit(inline="always")
-def _update(known: Known, m: Measurement, f: FusionConstants) -> Updated:
+def _update(known: Known, m: Measurement, shared: float, f: FusionConstants) -> Updated:
     """Update of a known cell with a measurement inside the gate.
 
     V, R: variances that differ from frame to frame; s, m: sensitivities to the constant errors,
@@ -220,26 +180,30 @@ def _update(known: Known, m: Measurement, f: FusionConstants) -> Updated:
     K^2 R <= V: a frame never makes a cell less sure of what frames differ by. A common error with
     correlation time tau that is seen again after dt < 2 tau brings no fresh information: it counts
     as variance * 2 tau / dt.
+    What both sides share is taken off V and R, and stays, whatever K is:
+    (1 - K)^2 V + K^2 R + 2 K (1 - K) C = (1 - K)^2 (V - C) + K^2 (R - C) + C.
     """
     repeated = max(2.0 * f.correlation_time_ns / max(known.since_ns, 1.0), 1.0)
-    measured = m.own_m2 + m.common_m2 * repeated
+    measured = m.own_m2 - shared + m.common_m2 * repeated
+    mapped = known.variance_m2 - shared
     crossed = _dot(known.systematic, m.systematic)
     own = _dot(known.systematic, known.systematic)
     other = _dot(m.systematic, m.systematic)
-    wanted = max(known.variance_m2 + own - crossed, 0.0)
-    total = known.variance_m2 + measured + max(own + other - 2.0 * crossed, 0.0)
+    wanted = max(mapped + own - crossed, 0.0)
+    # Both sides may hold nothing but what they share: then nothing is new, and K is 0.
+    total = max(mapped + measured + max(own + other - 2.0 * crossed, 0.0), _NOTHING_M2)
     # The smaller of wanted / total and most / both, with one division.
-    most, both = 2.0 * known.variance_m2, known.variance_m2 + measured
+    most, both = 2.0 * mapped, mapped + measured
     bound = wanted * both > most * total
     gain = min((most if bound else wanted) / (both if bound else total), 1.0)
     rest = 1.0 - gain
-    variance = rest * rest * known.variance_m2 + gain * gain * measured
+    variance = rest * rest * mapped + gain * gain * measured
     # Each frame's spread has one degree of freedom less than it has pixels.
     freedom = m.pixels - 1.0
     share = freedom / max(freedom + known.pixels - known.frames, 1.0)
     return Updated(
         known.height_m + gain * (m.height_m - known.height_m),
-        _clamp(variance, f.floor_m2, f.ceiling_m2),
+        _clamp(variance + shared, f.floor_m2, f.ceiling_m2),
         _blend(known.systematic, m.systematic, gain),
         known.relief_m2 + share * (m.relief_m2 - known.relief_m2),
         rest,
@@ -285,9 +249,9 @@ def _update_block(b: Float64Array, c: FrameConstants, f: FusionConstants) -> Non
             b[_FRAMES + n],
             b[_SINCE + n],
         )
-        u = _update(known, m, f)
-        frames_m2 = _frames_m2(c, b[_X + n], b[_Y + n], b[_STALE + n])
-        b[_ACCEPTED + n] = 1.0 if _agrees(known, m, frames_m2, c.cell_size_m, f) else 0.0
+        u = _update(known, m, shared_m2(known, m, c), f)
+        stale_m2 = frames_m2(c, b[_X + n], b[_Y + n], b[_STALE + n])
+        b[_ACCEPTED + n] = 1.0 if _agrees(known, m, stale_m2, c.cell_size_m, f) else 0.0
         b[_HEIGHT + n] = u.height_m
         b[_VARIANCE + n] = u.variance_m2
         b[_A + n] = u.systematic.a_m

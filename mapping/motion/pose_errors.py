@@ -31,7 +31,8 @@ class PoseErrorModel:
             its frame, as an error alike for `MapSettings.common_correlation_time_s`. For a source
             that drifts it must hold the part that does not accumulate (levelling), not the drift.
         motion_covariance: the covariance of every `RelativeMotion` grows the covariance of all
-            cells (paper eq. 28). Otherwise only its metres count.
+            cells (paper eq. 28). Otherwise only its metres count, and of aligned poses the
+            covariance of motions on which the map held no frame.
         frame_sigma_m, frame_sigma_rad: height and tilt error of a frame that stands for
             `pose_covariance`.
         drift_per_m: the variance of a frame counts this often again for every metre driven.

@@ -181,6 +181,7 @@ IDEAL_CAMERA_NOISE = {
         "axial_quadratic_per_m": 0.0019,
         "axial_reference_m": 0.4,
         "axial_angle_m_sqrt_m": 0.0001,
+        "fixed_share": 0.0,
     },
 }
 

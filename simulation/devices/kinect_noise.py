@@ -13,7 +13,8 @@ def kinect_noise_file(model: KinectModel) -> dict[str, object]:
     With d = a / z a disparity error of e pixels is one of e z^2 / a metres. Its noise and the
     spread of its steps, step / sqrt(12), are independent, so together they look like the spread
     of one wider step: k = sqrt(12 sigma^2 + step^2) / a. The floor and the angle term are those
-    of the model; readings have no lateral error and share no noise.
+    of the model; readings have no lateral error and share no noise. Noise of half a step blurs the
+    steps: little of them is the same in all frames from one place.
     """
     step_px = math.hypot(math.sqrt(12.0) * model.sigma_disparity_px, model.disparity_step_px)
     return {
@@ -25,6 +26,7 @@ def kinect_noise_file(model: KinectModel) -> dict[str, object]:
             "axial_offset_m": model.floor_sigma_m,
             "axial_angle_m_sqrt_m": 0.0001,
             "quantum_per_m": step_px / model.disparity_px_m,
+            "fixed_share": 0.1,
             "range_min_m": model.range_min_m,
             "range_max_m": model.range_max_m,
         },

@@ -49,6 +49,7 @@ def _model(**changes: Any) -> dict[str, Any]:
         bias_sigma_m=not_negative,
         bias_sigma_quadratic_per_m=not_negative,
         correlation_area_px=st.floats(1.0, 100.0),
+        fixed_share=st.floats(0.0, 1.0),
         range_min_m=st.floats(0.01, 1.0),
         range_max_m=st.floats(1.01, 10.0),
     )
@@ -74,7 +75,8 @@ def test_absent_keys_keep_their_defaults() -> None:
 
 def test_the_simulated_camera_has_a_file_of_this_kind() -> None:
     found = parse_noise(json.dumps(IDEAL_CAMERA_NOISE), "file")
-    expected = replace(NGUYEN_2012, name="ideal-camera", lateral_offset_px=0, lateral_angle_px=0)
+    white = replace(NGUYEN_2012, lateral_offset_px=0, lateral_angle_px=0, fixed_share=0)
+    expected = replace(white, name="ideal-camera")
     assert found == expected
 
 
@@ -96,6 +98,7 @@ def test_the_simulated_camera_has_a_file_of_this_kind() -> None:
         (_model(bias_slope=1e300), r"model\.bias_slope: Input should be less"),
         (_model(axial_offset_m="0.001"), r"model\.axial_offset_m: Input should be a valid number"),
         (_model(axial_offset_m=True), r"model\.axial_offset_m: Input should be a valid number"),
+        (_model(fixed_share=1.5), r"model\.fixed_share: Input should be less"),
         (_model(correlation_area_px=0.5), r"model\.correlation_area_px: Input should be greater"),
         (_model(range_min_m=0.0), r"model\.range_min_m: Input should be greater"),
         (_model(range_min_m=2.0, range_max_m=2.0), "expected the first below the second"),

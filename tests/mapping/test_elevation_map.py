@@ -97,12 +97,45 @@ def test_the_variance_is_the_sum_of_its_parts() -> None:
     np.testing.assert_allclose(found.independent_m2, 4e-6, rtol=1e-6)
     # 3-4-5, 5-12-13, 13-84-85 mm; and 5 mm of the mount's position.
     np.testing.assert_allclose(found.systematic_m2, 0.085**2 + 0.005**2, rtol=1e-6)
-    np.testing.assert_allclose(found.relief_m2, 0.06 * (5e-5 + 0.25 * 0.1**2 / 12.0), rtol=1e-4)
+    # A quarter is the square of the slope, and 0.06 + 3/4 of it the share that one side may lack.
+    inclined = (0.06 + 0.75) * 0.25 * 0.1**2 / 12.0
+    np.testing.assert_allclose(found.relief_m2, 0.06 * 5e-5 + inclined, rtol=1e-4)
     total = found.independent_m2 + found.systematic_m2 + found.relief_m2
     np.testing.assert_array_equal(found.variance_m2, total)
     np.testing.assert_allclose(found.sigma_m, np.sqrt(total))
     np.testing.assert_allclose(found.upper_m - found.elevation_m, 3.0 * found.sigma_m, atol=1e-6)
     np.testing.assert_allclose(found.elevation_m - found.lower_m, 3.0 * found.sigma_m, atol=1e-6)
+
+
+def test_a_cell_of_few_readings_has_its_height_from_around_it() -> None:
+    random = np.random.default_rng(1)
+    grid = _filled(random.normal(0.0, 0.001, (7, 7)), variance_m2=1e-12, frames=1000)
+    settings = replace(SETTINGS, relief_share=0.0, relief_frames=0.0)
+
+    def relief(readings: int) -> Float64Array:
+        grid.layers.pixels[:] = 1000 * readings
+        return read_out(grid, settings, {}).relief_m2.astype(np.float64)
+
+    slope = relief(10**6)  # what is left without the sparse cell's part
+    np.testing.assert_allclose(relief(10) - slope, (relief(2) - slope) / 25.0, rtol=1e-3)
+    # min(2, 2 / n^2) times the variance around a plane, which is here that of the heights.
+    assert np.median(relief(1)) == pytest.approx(2e-6, rel=0.5)
+    assert np.median(relief(2)) == pytest.approx(0.5e-6, rel=0.5)
+
+
+def test_the_bounds_of_a_cell_hold_what_stands_up_in_it() -> None:
+    """A post of 0.3 m in a cell: half of its readings on the floor, half up along it."""
+    grid = _filled(np.zeros((5, 5)))
+    mean, spread = 0.075, 0.3**2 / 6.0 - 0.075**2
+    place = grid.position(CellWindow(-1, -5, 1, 1))
+    grid.layers.elevation_m[place], grid.layers.relief_m2[place] = mean, spread
+    found = read_out(grid, replace(SETTINGS, uncertain_sigma_m=0.05), {})
+    assert found.elevation_m[2, 2] == np.float32(mean)
+    assert found.upper_m[2, 2] > 0.3
+    assert found.state[2, 2] == CellState.UNCERTAIN
+    grid.layers.relief_m2[place] = 0.05**2  # a slope of 60 degrees in a cell of 0.1 m
+    grid.layers.elevation_m[place] = 0.0
+    assert read_out(grid, SETTINGS, {}).sigma_m[2, 2] < 0.01
 
 
 def test_less_than_no_relief_counts_as_none() -> None:
@@ -112,9 +145,14 @@ def test_less_than_no_relief_counts_as_none() -> None:
 
 
 def _slope2(found: ElevationMap) -> Float64Array:
-    """Return |grad h|^2 that the relief part holds, where the cells have no relief themselves."""
-    share = SETTINGS.relief_share * SETTINGS.resolution_m**2 / 12.0
-    return found.relief_m2.astype(np.float64) / share
+    """Return s = |grad h|^2 that the relief part holds, where the cells have no relief themselves.
+
+    Relief is (relief_share + min(1, 3 s)) s d^2 / 12.
+    """
+    share = SETTINGS.relief_share
+    part = found.relief_m2.astype(np.float64) * 12.0 / SETTINGS.resolution_m**2
+    gentle = (np.sqrt(share**2 + 12.0 * part) - share) / 6.0
+    return np.where(3.0 * gentle < 1.0, gentle, part / (share + 1.0))
 
 
 def test_slopes_are_exact_on_a_plane_also_at_its_rim_and_beside_gaps() -> None:
