@@ -129,6 +129,9 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
     show(console, summary, as_json=options.json)
     if options.method == "paper2019":
         console.note(describe_faults())
+    if result.inertial is not None:
+        for note in result.inertial.notes:
+            console.note(note)
     for warning in summary.warnings:
         console.note(f"warning: {warning}")
     return CHECK_FAILED if result.report.damaged else OK
@@ -266,6 +269,15 @@ def prepare_kernels(console: Console) -> None:
     if not kernels_are_cached():
         console.note("compiling the mapping kernels; once per installation, takes about 20 s")
     compile_kernels()
+
+
+def prepare_filter(console: Console) -> None:
+    """Compile the kernel of ego-motion if this installation never did, and say so."""
+    from mapping.kernel_cache import compile_filter, filter_is_cached
+
+    if not filter_is_cached():
+        console.note("compiling the filter of ego-motion; once per installation, takes about 20 s")
+    compile_filter()
 
 
 def add_warmup_arguments(_: argparse.ArgumentParser) -> None:

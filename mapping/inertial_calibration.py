@@ -120,12 +120,21 @@ def read_inertial(path: Path) -> InertialFile:
     Raises:
         MappingError: it cannot be read, or is not this schema and version.
     """
+    return parse_inertial(read_whole(path), str(path))
+
+
+def parse_inertial(text: str | bytes, where: str) -> InertialFile:
+    """Return what the JSON `text` holds; `where` names it in errors.
+
+    Raises:
+        MappingError: it is not this schema and version.
+    """
     # JSON has no tuples: strict mode would refuse its arrays, so validation goes by the text.
     try:
-        return InertialFile.model_validate_json(read_whole(path))
+        return InertialFile.model_validate_json(text)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"]) or "the file"
         raise MappingError(
-            f"{path}: {place}: {first['msg']}; expected an inertial calibration, version 1"
+            f"{where}: {place}: {first['msg']}; expected an inertial calibration, version 1"
         ) from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from acquisition.kernel_cache import are_cached, note_use
-from drivers.samples import CameraIntrinsics
+from drivers.samples import AccelerationSample, CameraIntrinsics
 from mapping import measurement_kernels
 from mapping.alignment import plane_kernels, point_kernels, residual_kernels
 from mapping.alignment.scan_to_map import ScanAligner
@@ -16,6 +16,8 @@ from mapping.cells.grid import GrowingGrid
 from mapping.cells.update_constants import fusion_constants
 from mapping.change import hidden, overhang, own_body, visibility
 from mapping.change.visibility import clear_seen_through, sight_of
+from mapping.ego_motion import filter_kernels
+from mapping.ego_motion.ego_motion import EgoMotion
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.ground import fill_kernels, fusion_kernels, layer_kernels
 from mapping.ground.fill import fill_gaps
@@ -46,12 +48,27 @@ _ENTRY_POINTS = (
     fill_kernels.measure_errors,
     fill_kernels.bridge,
     fusion_kernels.integrate,
+    filter_kernels.run,
 )
 
 
 def kernels_are_cached() -> bool:
-    """Tell whether the mapping kernels were compiled earlier by this installation."""
+    """Tell whether the kernels were all compiled earlier by this installation."""
     return are_cached(_ENTRY_POINTS)
+
+
+def filter_is_cached() -> bool:
+    """Tell whether that of ego-motion was."""
+    return are_cached((filter_kernels.run,))
+
+
+def compile_filter() -> None:
+    """Compile the kernel of ego-motion, or load it from the cache, by resting for a moment."""
+    ego = EgoMotion()
+    for tick in range(3):
+        ego.add(AccelerationSample(tick * 10**7, np.array([0.0, 0.0, 9.8]), tick))
+    ego.finish()
+    note_use((filter_kernels.run,))
 
 
 def compile_kernels() -> None:
@@ -77,4 +94,5 @@ def compile_kernels() -> None:
     derive(map_)
     fuse_map(map_)
     fill_gaps(map_, settings.resolution_m)
+    compile_filter()
     note_use(_ENTRY_POINTS)

@@ -29,6 +29,9 @@ def add_odometry_arguments(parser: argparse.ArgumentParser) -> None:
     add("--rate-hz", type=float, default=50.0, metavar="HZ", help="poses per second (50)")
     add("--without-wheels", action="store_true", help="vibration and gyro alone")
     add("--with-poses", action="store_true", help="recorded poses count as measurements")
+    add(
+        "--calibrations", type=Path, metavar="DIR", help="take the files of the recording's sensors"
+    )
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of ego-motion")
 
 
@@ -37,15 +40,18 @@ def run_odometry(options: argparse.Namespace, console: Console) -> int:
     from acquisition.files import check_target, refuse_same_file
     from acquisition.stream.byte_source import FinishedFile
     from acquisition.stream.reader import StreamReader
+    from mapping.commands import prepare_filter
     from mapping.ego_motion.paper2019 import WARNING
     from mapping.ego_motion.settings import EgoMotionSettings
     from mapping.judging.trajectory import write_path
     from mapping.odometry_session import find_trajectory, with_changes
 
     changes = [*options.set, *(["use_external_poses=1"] if options.with_poses else [])]
-    settings = with_changes(EgoMotionSettings(), changes)
+    settings = with_changes(EgoMotionSettings(), changes)  # refuse them before the long work
     check_target(options.output)
     refuse_same_file(options.recording, options.output)
+    if options.method == "filter":
+        prepare_filter(console)
     if options.method == "paper2019":
         console.note(f"warning: {WARNING}")
     with (
@@ -58,6 +64,8 @@ def run_odometry(options: argparse.Namespace, console: Console) -> int:
             method=options.method,
             rate_hz=options.rate_hz,
             with_wheels=not options.without_wheels,
+            calibrations=options.calibrations,
+            changes=changes,
         )
     write_path(options.output, result.poses)
     first_ns, last = result.poses[0].t_ns, result.poses[-1]
@@ -66,6 +74,11 @@ def run_odometry(options: argparse.Namespace, console: Console) -> int:
     length = f"{len(result.poses)} poses of {(last.t_ns - first_ns) * 1e-9:.1f} s"
     end = f"({x:.3f}, {y:.3f}, {z:.3f}) m, horizontal sigma {sigma:.3f} m"
     console.lines([f"{options.output}: {length}; ends at {end}"])
+    if options.method == "filter":
+        for note in result.inertial.notes:
+            console.note(note)
+    for warning in result.inertial.warnings:
+        console.note(f"warning: {warning}")
     for event in result.events:
         console.note(f"{(event.t_ns - first_ns) * 1e-9:.2f} s: {event.kind}: {event.text}")
     return OK

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from acquisition.messages.codec import Recordable
 from acquisition.stream.reader import StreamMessage, StreamReader
 from drivers.samples import PoseSample, WheelTwistSample
+from mapping.ego_motion.calibrated import CalibratedSettings
 from mapping.ego_motion.ego_motion import EgoMotion
 from mapping.ego_motion.events import EgoEvent
 from mapping.ego_motion.paper_motion import PaperMotion
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
+from mapping.session import calibrated_motion
 
 Method = Literal["filter", "paper2019"]
 
@@ -44,10 +47,11 @@ class Motion(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class OdometryResult:
-    """A trajectory and what went wrong on the way."""
+    """A trajectory, what went wrong on the way, and where the sensors' sigmas come from."""
 
     poses: list[UncertainPose]
     events: list[EgoEvent]
+    inertial: CalibratedSettings
 
 
 def find_trajectory(
@@ -57,6 +61,8 @@ def find_trajectory(
     method: Method = "filter",
     rate_hz: float = 50.0,
     with_wheels: bool = True,
+    calibrations: Path | None = None,
+    changes: Sequence[str] = (),
     progress: Callable[[StreamMessage], None] = lambda _: None,
 ) -> OdometryResult:
     """Return the poses of base_link at a fixed rate, in T.
@@ -67,17 +73,24 @@ def find_trajectory(
         method: the filter, or the equations of the paper.
         rate_hz: poses per second.
         with_wheels: whether wheel twists count.
+        calibrations: folder of calibration files; None = those of the recording alone.
+        changes: NAME=VALUE of settings, which go before what was calibrated.
         progress: told every message.
 
     Raises:
-        MappingError: the rate is impossible, or the stream says nothing about motion.
+        MappingError: the rate is impossible, a calibration or change cannot be used, or the
+            stream says nothing about motion.
         StreamError: the stream cannot be read.
     """
     if not 0.0 < rate_hz <= _LONGEST_RATE_HZ:
         raise MappingError(f"{rate_hz} poses per second; expected up to {_LONGEST_RATE_HZ:g}")
-    motion: Motion = EgoMotion(settings) if method == "filter" else PaperMotion(settings)
-    picker = _Picker(motion, round(1e9 / rate_hz))
+    picker: _Picker | None = None
     for message in reader:
+        if picker is None:
+            inertial = calibrated_motion(settings, reader.metadata, calibrations)
+            settings = with_changes(inertial.settings, changes)
+            motion: Motion = EgoMotion(settings) if method == "filter" else PaperMotion(settings)
+            picker = _Picker(motion, round(1e9 / rate_hz))
         if isinstance(message.sample, WheelTwistSample) and not with_wheels:
             continue
         if isinstance(message.sample, PoseSample) and not settings.use_external_poses:
@@ -85,13 +98,14 @@ def find_trajectory(
         motion.add(message.sample)
         picker.pick()
         progress(message)
-    motion.finish()
-    picker.pick()
-    if not picker.poses:
+    if picker is not None:
+        motion.finish()
+        picker.pick()
+    if picker is None or not picker.poses:
         raise MappingError(
             "the stream says nothing about motion; expected accelerations, yaw rates or wheels"
         )
-    return OdometryResult(picker.poses, list(motion.events))
+    return OdometryResult(picker.poses, list(motion.events), inertial)
 
 
 class _Picker:
@@ -117,7 +131,7 @@ class _Picker:
             self._next_ns += self._period_ns
 
 
-def with_changes(settings: EgoMotionSettings, changes: list[str]) -> EgoMotionSettings:
+def with_changes(settings: EgoMotionSettings, changes: Sequence[str]) -> EgoMotionSettings:
     """Return settings with NAME=VALUE applied.
 
     Raises:

@@ -21,6 +21,8 @@ from mapping.calibration_file import (
     parse_calibration,
 )
 from mapping.cells.elevation_map import ElevationMap
+from mapping.ego_motion.calibrated import CalibratedSettings, calibrated
+from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
 from mapping.mapper import Mapper, MapperCounts
@@ -74,6 +76,7 @@ class MapResult:
     Attributes:
         map, report, counts, settings, noise: as their names say.
         poses: those that the depth frames were mapped from.
+        inertial: where the sigmas of the motion sensors come from; None without ego-motion.
         body_frame: the frame whose poses they are.
     """
 
@@ -83,6 +86,7 @@ class MapResult:
     settings: MapSettings
     noise: DepthNoiseModel
     poses: tuple[UncertainPose, ...] = ()
+    inertial: CalibratedSettings | None = None
     body_frame: str = MOCAP_BODY_FRAME
 
 
@@ -116,6 +120,7 @@ def map_stream(
         settings=mapper.settings,
         noise=mapper.noise,
         poses=tuple(poses),
+        inertial=_inertial_for(options, mapper.settings, reader.metadata),
         body_frame=mapper.body_frame,
     )
 
@@ -156,6 +161,9 @@ def _mapper_for(
             options.settings.mount_sigma_rad,
         ),
     )
+    inertial = _inertial_for(options, settings, metadata)
+    if inertial is not None:
+        settings = replace(settings, ego_motion=inertial.settings)
     model = noise.model if isinstance(noise, Calibration) else noise or KINECT_V1
     if options.undistortion is not None:
         options.undistortion.check_device(depth_device(metadata))
@@ -172,6 +180,15 @@ def _mapper_for(
         undistortion=options.undistortion,
         on_pose=on_pose,
     )
+
+
+def _inertial_for(
+    options: MapOptions, settings: MapSettings, metadata: Mapping[str, Mapping[str, str]]
+) -> CalibratedSettings | None:
+    """Return what is known of the motion sensors, where they are used; twice is as once."""
+    if not settings.pose_source.startswith("ego-motion"):
+        return None
+    return calibrated_motion(settings.ego_motion, metadata, options.calibrations)
 
 
 def _world_grid(
@@ -197,6 +214,33 @@ def depth_device(metadata: Mapping[str, Mapping[str, str]]) -> DeviceIdentity:
     """Return which device a recording's depth frames come from, as far as it says so.
 
     Raises:
+        MappingError: as `recorded_device`.
+    """
+    return recorded_device(metadata, "DepthFrame")
+
+
+def calibrated_motion(
+    settings: EgoMotionSettings,
+    metadata: Mapping[str, Mapping[str, str]],
+    calibrations: Path | None,
+) -> CalibratedSettings:
+    """Return the settings of ego-motion for a recording's own inertial sensors.
+
+    Raises:
+        MappingError: see `calibrated`.
+    """
+    devices = {
+        "gyro": recorded_device(metadata, "YawRateSample"),
+        "accelerometer": recorded_device(metadata, "AccelerationSample", "VibrationSample"),
+    }
+    files = recorded_settings(metadata).get("calibration_files")
+    return calibrated(settings, devices, files if isinstance(files, dict) else {}, calibrations)
+
+
+def recorded_device(metadata: Mapping[str, Mapping[str, str]], *samples: str) -> DeviceIdentity:
+    """Return which device a recording's samples of some types come from, as far as it says so.
+
+    Raises:
         MappingError: what it says of its sources is not a JSON object.
     """
     for name, text in metadata.get(METADATA_NAME, {}).items():
@@ -206,7 +250,7 @@ def depth_device(metadata: Mapping[str, Mapping[str, str]]) -> DeviceIdentity:
             identity = dict(json.loads(text))
         except (ValueError, TypeError) as error:
             raise MappingError(f"the recording's {name} is not a JSON object: {error}") from error
-        if "DepthFrame" in identity.get("produces", ()):
+        if set(samples) & set(identity.get("produces", ())):
             model, serial = (str(identity.get(key, "")) for key in ("model", "serial"))
             return DeviceIdentity(model=model, serial=serial)
     return DeviceIdentity()

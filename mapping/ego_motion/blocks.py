@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from mapping.ego_motion.filter_kernels import Int64Array
+from mapping.ego_motion.filter_types import Int64Array
 from mapping.geometry import Float64Array
 
 
@@ -21,6 +21,7 @@ class Blocks:
         scatter_m2_s4: (N,) variance of the force within the block, summed over the axes.
         shock: (N,) whether one of the samples was a shock.
         speed_m_s, wheels_ok: (N,) of the wheels, and whether they report.
+        wheel_turn_rad_s, wheel_turn_sigma_rad_s: (N,) of the wheels.
         turn_rad_s, gyro_ok: (N,) of the gyro, bias included, and whether it reports.
         vibration_m_s2: (N,) RMS that a vibration sensor tells, summed over the axes; NaN where
             it tells none.
@@ -33,6 +34,8 @@ class Blocks:
     shock: np.ndarray[tuple[int], np.dtype[np.bool_]]
     speed_m_s: Float64Array
     wheels_ok: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    wheel_turn_rad_s: Float64Array
+    wheel_turn_sigma_rad_s: Float64Array
     turn_rad_s: Float64Array
     gyro_ok: np.ndarray[tuple[int], np.dtype[np.bool_]]
     vibration_m_s2: Float64Array

@@ -13,18 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from mapping.ego_motion.filter_kernels import (
-    LEFT_OUT,
-    SURPRISED,
-    FilterConstants,
-    Int64Array,
-    Rows,
-    States,
-    run,
-)
+from mapping.ego_motion.filter_kernels import LEFT_OUT, SURPRISED, run
+from mapping.ego_motion.filter_types import FilterConstants, Int64Array, Rows, States
 from mapping.ego_motion.history import History, copied, empty_states
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.ego_motion.states import (
+    ACCELERATION,
     COLUMNS,
     FORCE_ERROR,
     GYRO_BIAS,
@@ -134,6 +128,7 @@ class PoseFilter:
         first.phi[0] = np.eye(SIZE)
         first.held[0, [0, 1]] = start[[3, 4]]
         first.held[0, [4, 5]] = settings.tilt_lost_rad**2
+        first.held[0, 11] = settings.slip**2
         self._history.add(1)
 
     @property
@@ -270,6 +265,7 @@ def _first_covariance(settings: EgoMotionSettings, start: Float64Array) -> Float
         TRACK_ERROR: settings.track_sigma,
         VIBRATION_SCALE: settings.vibration_scale,
         FORCE_ERROR: 1.0,
+        ACCELERATION: settings.acceleration_m_s2,
     }.items():
         p[state, state] = sigma**2
     return p
@@ -281,12 +277,14 @@ def filter_constants(settings: EgoMotionSettings) -> FilterConstants:
     return FilterConstants(
         tick_s=settings.tick_s,
         levelling_time_s=settings.levelling_time_s,
-        slip=settings.slip,
         slip_time_s=settings.slip_time_s,
         slip_surprise=settings.slip_surprise,
         lateral_slip_ratio=settings.lateral_slip_ratio,
         vertical_walk_ratio=settings.vertical_walk_ratio,
         lateral_slip_time_s=settings.lateral_slip_time_s,
+        acceleration_m_s2=settings.acceleration_m_s2,
+        acceleration_time_s=settings.acceleration_time_s,
+        acceleration_walk=2.0 * settings.acceleration_time_s * settings.acceleration_m_s2**2,
         speed_sigma_m_s=settings.speed_sigma_m_s,
         turn_walk=turn_walk,
         turn_sigma_rad_s=settings.turn_sigma_rad_s,

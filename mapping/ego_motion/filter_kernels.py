@@ -5,11 +5,14 @@ An extended Kalman filter over `states`. Between rows the state moves by
     x' = v cos p cos yaw     y' = v cos p sin yaw     z' = -v sin p
     yaw' = (p' tan r + turn / cos r) / cos p
 
-with r, p the levelled roll and pitch less their estimated errors. The last line is the rate of yaw
-on a slope, yaw' = (w_y sin r + w_z cos r) / cos p, with the w_y that a changing pitch needs,
-p' = w_y cos r - w_z sin r. Speed and turn are random walks that are pulled back to 0; slip and the
-tilt's errors are Gauss-Markov processes. With every state comes PHI, the derivative of its error
-by the error one tick before, measurements included: from it follow covariances between times.
+with v = u / (1 + s + k) the rover's speed by that of its wheels, and r, p the levelled roll and
+pitch less their estimated errors. The last line is the rate of yaw on a slope, yaw' = (w_y sin r
++ w_z cos r) / cos p, with the w_y that a changing pitch needs, p' = w_y cos r - w_z sin r. The turn
+is a random walk that is pulled back to 0, u the sum of an acceleration; acceleration, slip and the
+tilt's errors are Gauss-Markov processes. Readings of the wheels concern u alone: their derivative
+by s and k would be v with its errors, and would drag s along. With every state comes PHI, the
+derivative of its error by the error one tick before, measurements included: from it follow
+covariances between times.
 
 All compiled code of the filter is in this file: numba looks for changes in the file of a cached
 kernel, not in what it calls.
@@ -18,13 +21,19 @@ kernel, not in what it calls.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from mapping.ego_motion.filter_types import (
+    FilterConstants,
+    Float64Array,
+    Int64Array,
+    Rows,
+    States,
+)
 from mapping.ego_motion.states import (
+    ACCELERATION,
     FORCE_ERROR,
     GYRO,
     GYRO_BIAS,
@@ -48,62 +57,14 @@ from mapping.ego_motion.states import (
     Z,
 )
 
-Float64Array = NDArray[np.float64]
-Int64Array = NDArray[np.int64]
-
 # Outcomes of a row.
 TAKEN, SURPRISED, LEFT_OUT = range(3)
+# The rover is taken to be at most so many times as fast as its wheels say.
+_LEAST_FACTOR = 0.2
+# Wheels that suddenly turn by less than this share of before are locked.
+_LOCKED = 0.3
 # A tilt whose variance falls below this share from tick to tick was lost and is found again.
 _FOUND_AGAIN = 0.1
-
-
-class FilterConstants(NamedTuple):
-    """The settings that the kernel needs; units as in `EgoMotionSettings`."""
-
-    tick_s: float
-    levelling_time_s: float
-    slip: float
-    slip_time_s: float
-    slip_surprise: float
-    lateral_slip_ratio: float
-    vertical_walk_ratio: float
-    lateral_slip_time_s: float
-    speed_sigma_m_s: float
-    turn_walk: float
-    turn_time_s: float
-    turn_sigma_rad_s: float
-    gyro_bias_walk: float
-    wheel_scale_walk: float
-    force_walk: float
-    zero_speed_m_s: float
-    zero_speed_alone_m_s: float
-    zero_rate_rad_s: float
-    gate_nis: float
-    pose_gate_nis: float
-
-
-class Rows(NamedTuple):
-    """Measurements in order of time.
-
-    t_ns (M,), kind (M,), values (M, COLUMNS); poses (K, 6) are x, y, z, roll, pitch, yaw in T,
-    pose_covariances (K, 6, 6) theirs.
-    """
-
-    t_ns: Int64Array
-    kind: Int64Array
-    values: Float64Array
-    poses: Float64Array
-    pose_covariances: Float64Array
-
-
-class States(NamedTuple):
-    """States at ticks: t_ns (N,), x (N, SIZE), p and phi (N, SIZE, SIZE), held (N, COLUMNS)."""
-
-    t_ns: Int64Array
-    x: Float64Array
-    p: Float64Array
-    phi: Float64Array
-    held: Float64Array
 
 
 @njit(cache=True)
@@ -140,10 +101,7 @@ def run(
         elif rows.kind[i] == WHEELS:
             outcome[i], nis[i] = _wheels(x, p, phi, value, c)
         elif rows.kind[i] == VIBRATION:
-            outcome[i], nis[i] = _scalar(
-                x, p, phi, SPEED, 1.0 + x[VIBRATION_SCALE], VIBRATION_SCALE, x[SPEED], -1, 0.0,
-                value[0] - x[SPEED] * (1.0 + x[VIBRATION_SCALE]), value[1], c.gate_nis,
-            )  # fmt: skip
+            outcome[i], nis[i] = _vibration(x, p, phi, value, c)
         elif rows.kind[i] == POSE:
             which = round(value[0])
             gate = c.pose_gate_nis if value[1] > 0.0 else np.inf
@@ -154,6 +112,8 @@ def run(
         else:
             _take_tilt(x, p, phi, held, value)
             held[:] = value
+            if not _is_free(held):
+                _renew(x, p, phi, ACCELERATION, 0.0)
             tick_ns = t_ns
             _standstill(x, p, phi, held, c)
             _symmetric(p)
@@ -189,10 +149,11 @@ def _move(
     pitch = held[1] + held[3] * middle - x[PITCH_ERROR] - x[PITCH_BIAS]
     sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
     sy, cy = math.sin(x[YAW]), math.cos(x[YAW])
-    v = x[SPEED]
+    factor = _factor(x)
+    v = x[SPEED] / factor
     steep = held[3] / (cr * cr) + x[TURN] * sr / (cr * cr)
     a = np.zeros((4, 4))
-    # Columns: yaw (of x, y) or turn (of yaw); speed or roll error; pitch error.
+    # Columns: yaw (of x, y) or turn (of yaw); v or roll error; pitch error.
     a[0] = (-v * cp * sy * dt, cp * cy * dt, v * sp * cy * dt, 0.0)
     a[1] = (v * cp * cy * dt, cp * sy * dt, v * sp * sy * dt, 0.0)
     a[2] = (0.0, -sp * dt, v * cp * dt, 0.0)
@@ -203,7 +164,9 @@ def _move(
     a[3] = (dt / (cr * cp), -steep / cp * dt, held[2] / (cr * cr * cp) * dt, 0.0)
     d = np.ones(SIZE)
     # A walk of density q, pulled back with time tau, stays within sqrt(q tau / 2).
-    d[SPEED] = math.exp(-0.5 * dt * held[8] / (c.speed_sigma_m_s * c.speed_sigma_m_s))
+    walk = c.acceleration_walk if _is_free(held) else held[8]
+    d[SPEED] = math.exp(-0.5 * dt * walk / (c.speed_sigma_m_s * c.speed_sigma_m_s))
+    d[ACCELERATION] = math.exp(-dt / c.acceleration_time_s)
     d[TURN] = math.exp(-dt / c.turn_time_s)
     d[SLIP] = math.exp(-dt / c.slip_time_s)
     d[ROLL_ERROR] = d[PITCH_ERROR] = math.exp(-dt / c.levelling_time_s)
@@ -211,14 +174,34 @@ def _move(
     x[Y] += v * cp * sy * dt
     x[Z] -= v * sp * dt
     x[YAW] += rate * dt
-    x[SPEED] += (held[7] - x[FORCE_ERROR]) * dt if held[10] > 0.0 else held[7] * dt
-    a[3, 3] = dt if held[10] > 0.0 else 0.0  # of the speed, by the force at rest
+    acceleration = x[ACCELERATION]
     for i in range(SIZE):
-        x[i] *= d[i]
-    _row_steps(p, a, d)
-    _row_steps(p.T, a, d)
-    _row_steps(phi, a, d)
+        if i != SPEED:
+            x[i] *= d[i]
+    guided = held[10] > 0.0
+    if guided:
+        after = (v + (held[7] - x[FORCE_ERROR]) * dt) * d[SPEED]
+        speeds = (factor, v, _factor(x), after, dt)
+        x[SPEED] = after * speeds[2]
+    else:
+        speeds = (factor, v, 1.0, 0.0, dt if held[6] == 0.0 else 0.0)
+        x[SPEED] = (x[SPEED] + acceleration * speeds[4]) * d[SPEED]
+    _row_steps(p, a, d, speeds, guided)
+    _row_steps(p.T, a, d, speeds, guided)
+    _row_steps(phi, a, d, speeds, guided)
     _noise(p, held, v, x[SLIP], sy, cy, d, dt, c)
+
+
+@njit(inline="always")
+def _factor(x: Float64Array) -> float:
+    """Return the speed of the wheels over that of the rover."""
+    return float(max(1.0 + x[WHEEL_SCALE] + x[SLIP], _LEAST_FACTOR))
+
+
+@njit(inline="always")
+def _is_free(held: Float64Array) -> bool:
+    """Tell whether the rover moves, and no force tells its acceleration."""
+    return bool(held[6] == 0.0 and held[10] == 0.0)
 
 
 @njit(inline="always")
@@ -253,31 +236,62 @@ def _noise(
     p[GYRO_BIAS, GYRO_BIAS] += c.gyro_bias_walk * c.gyro_bias_walk * dt
     p[WHEEL_SCALE, WHEEL_SCALE] += c.wheel_scale_walk * c.wheel_scale_walk * dt
     # Wheels that slip by half may grip again at any moment, or go on.
-    p[SLIP, SLIP] += (1.0 - d[SLIP] * d[SLIP]) * (c.slip * c.slip + slip * slip)
+    fresh = (1.0 - d[SLIP] * d[SLIP]) * (held[11] + slip * slip)
+    if held[10] > 0.0:
+        _slip_more(p, v, fresh)  # the rover's own speed does not ask for the wheels
+    else:
+        p[SLIP, SLIP] += fresh
+    fresh = 1.0 - d[ACCELERATION] * d[ACCELERATION]
+    p[ACCELERATION, ACCELERATION] += fresh * c.acceleration_m_s2 * c.acceleration_m_s2
     fresh = 1.0 - d[ROLL_ERROR] * d[ROLL_ERROR]
     p[ROLL_ERROR, ROLL_ERROR] += fresh * held[4]
     p[PITCH_ERROR, PITCH_ERROR] += fresh * held[5]
 
 
 @njit(inline="always")
-def _row_steps(m: Float64Array, a: Float64Array, d: Float64Array) -> None:
-    """Multiply by the derivative of a step from the left, in place; see `_move` for `a`."""
+def _slip_more(p: Float64Array, v: float, variance: float) -> None:
+    """Let the slip be less certain, and the wheels' speed with it: that of the rover stays."""
+    p[SLIP, SLIP] += variance
+    p[SLIP, SPEED] += v * variance
+    p[SPEED, SLIP] += v * variance
+    p[SPEED, SPEED] += v * v * variance
+
+
+@njit(inline="always")
+def _row_steps(
+    m: Float64Array,
+    a: Float64Array,
+    d: Float64Array,
+    speeds: tuple[float, float, float, float, float],
+    guided: bool,
+) -> None:
+    """Multiply by the derivative of a step from the left, in place; see `_move` for `a`.
+
+    `speeds`: 1 + s + k and v before and after the step, and its seconds.
+    """
+    factor, v, factor_after, v_after, dt = speeds
     for k in range(SIZE):
         tilt = m[PITCH_ERROR, k] + m[PITCH_BIAS, k]
-        m[X, k] += a[0, 0] * m[YAW, k] + a[0, 1] * m[SPEED, k] + a[0, 2] * tilt
-        m[Y, k] += a[1, 0] * m[YAW, k] + a[1, 1] * m[SPEED, k] + a[1, 2] * tilt
-        m[Z, k] += a[2, 1] * m[SPEED, k] + a[2, 2] * tilt
+        own = (m[SPEED, k] - v * (m[WHEEL_SCALE, k] + m[SLIP, k])) / factor
+        m[X, k] += a[0, 0] * m[YAW, k] + a[0, 1] * own + a[0, 2] * tilt
+        m[Y, k] += a[1, 0] * m[YAW, k] + a[1, 1] * own + a[1, 2] * tilt
+        m[Z, k] += a[2, 1] * own + a[2, 2] * tilt
         m[YAW, k] += (
             a[3, 0] * m[TURN, k]
             + a[3, 1] * (m[ROLL_ERROR, k] + m[ROLL_BIAS, k])
             + a[3, 2] * m[PITCH_ERROR, k]
             + a[2, 3] * tilt
         )
-        m[SPEED, k] = (m[SPEED, k] - a[3, 3] * m[FORCE_ERROR, k]) * d[SPEED]
         m[TURN, k] *= d[TURN]
         m[SLIP, k] *= d[SLIP]
+        if guided:
+            own = (own - dt * m[FORCE_ERROR, k]) * d[SPEED]
+            m[SPEED, k] = factor_after * own + v_after * (m[WHEEL_SCALE, k] + m[SLIP, k])
+        else:
+            m[SPEED, k] = (m[SPEED, k] + dt * m[ACCELERATION, k]) * d[SPEED]
         m[ROLL_ERROR, k] *= d[ROLL_ERROR]
         m[PITCH_ERROR, k] *= d[PITCH_ERROR]
+        m[ACCELERATION, k] *= d[ACCELERATION]
 
 
 @njit(inline="always")
@@ -353,31 +367,43 @@ def _wheels(
 ) -> tuple[int, float]:
     """Update by a twist of the wheels.
 
-    A speed that cannot be is taken for slip: its variance is raised, then the speed is believed
-    as far as that leaves room.
+    A speed that cannot be is taken for slip: the rover goes on as before, its wheels do not.
+    Wheels that stop all at once are locked and say nothing about the rover.
     """
     if value[4] == 0.0:
         return LEFT_OUT, np.nan
-    result = TAKEN
-    nis = np.nan
-    for attempt in range(2):
-        factor = 1.0 + x[WHEEL_SCALE] + x[SLIP]
-        gate = c.gate_nis if attempt == 0 else np.inf
-        outcome, value_nis = _scalar(
-            x, p, phi, SPEED, factor, WHEEL_SCALE, x[SPEED], SLIP, x[SPEED],
-            value[0] - x[SPEED] * factor, value[1], gate,
+    outcome, nis = _scalar(
+        x, p, phi, SPEED, 1.0, -1, 0.0, -1, 0.0, value[0] - x[SPEED], value[1], c.gate_nis
+    )  # fmt: skip
+    if outcome == LEFT_OUT:
+        outcome = SURPRISED
+        if abs(value[0]) < _LOCKED * abs(x[SPEED]):
+            return outcome, nis
+        _slip_more(p, x[SPEED] / _factor(x), c.slip_surprise * c.slip_surprise)
+        _scalar(
+            x, p, phi, SPEED, 1.0, -1, 0.0, -1, 0.0, value[0] - x[SPEED], value[1], np.inf
         )  # fmt: skip
-        if attempt == 0:
-            nis = value_nis
-        if outcome == TAKEN:
-            break
-        result = SURPRISED
-        p[SLIP, SLIP] += c.slip_surprise * c.slip_surprise
     _scalar(
         x, p, phi, TURN, 1.0 + x[TRACK_ERROR], TRACK_ERROR, x[TURN], -1, 0.0,
         value[2] - x[TURN] * (1.0 + x[TRACK_ERROR]), value[3], c.gate_nis,
     )  # fmt: skip
-    return result, nis
+    return outcome, nis
+
+
+@njit(inline="always")
+def _vibration(
+    x: Float64Array, p: Float64Array, phi: Float64Array, value: Float64Array, c: FilterConstants
+) -> tuple[int, float]:
+    """Update by a speed that the vibration tells.
+
+    The rover's speed is u / (1 + s + k); the part of its derivative by s is left out: where
+    vibration is needed there are no wheels, and s and k move u alone.
+    """
+    scale, v = 1.0 + x[VIBRATION_SCALE], x[SPEED] / _factor(x)
+    return _scalar(
+        x, p, phi, SPEED, scale / _factor(x), VIBRATION_SCALE, v, SLIP, -scale * v / _factor(x),
+        value[0] - v * scale, value[1], c.gate_nis,
+    )  # fmt: skip
 
 
 @njit(inline="always")

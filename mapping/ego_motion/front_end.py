@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from mapping.ego_motion.blocks import Blocks, force_blocks
-from mapping.ego_motion.filter_kernels import Int64Array
+from mapping.ego_motion.filter_types import Int64Array
+from mapping.ego_motion.grip import slip_variance
 from mapping.ego_motion.ground import GroundWatch
-from mapping.ego_motion.levelling import Levelled, level
+from mapping.ego_motion.levelling import Levelled, level, sway
 from mapping.ego_motion.rows import RowBatch, gyro_rows, merged, speed_rows, wheel_rows
 from mapping.ego_motion.sample_queue import SampleQueue
 from mapping.ego_motion.settings import EgoMotionSettings
@@ -18,6 +20,7 @@ from mapping.ego_motion.standstill import (
     MotionDetector,
     Motionless,
     nothing_known,
+    since_they_began,
     vibration_level,
     without_ends,
 )
@@ -26,6 +29,7 @@ from mapping.ego_motion.watch import HealthWatch
 from mapping.geometry import Float64Array
 
 _LEVEL_HALF_S = 0.2
+_SWAY_HALF_S = 0.3
 # So many ticks at a time: bounds the memory after a gap of hours.
 _MOST_TICKS = 500
 
@@ -50,7 +54,8 @@ class FrontEnd:
         self._margin = math.ceil(settings.still_margin_s / settings.tick_s)
         self._margin_alone = math.ceil(settings.still_margin_alone_s / settings.tick_s)
         ahead = max(self._margin, self._margin_alone)
-        self._reach = max(self._half, self._level_half + ahead)
+        self._sway_half = round(_SWAY_HALF_S / settings.tick_s)
+        self._reach = max(self._half + self._sway_half, self._level_half + ahead)
         self.force, self.gyro = SampleQueue(3), SampleQueue(1)
         self.wheels, self.vibration = SampleQueue(4), SampleQueue(2)
         self.watch = HealthWatch(settings)
@@ -113,6 +118,8 @@ class FrontEnd:
             shock=shock,
             speed_m_s=wheels[:, 0],
             wheels_ok=wheels_far <= s.wheels_gap_s * 1e9,
+            wheel_turn_rad_s=wheels[:, 2],
+            wheel_turn_sigma_rad_s=wheels[:, 3],
             turn_rad_s=gyro[:, 0],
             gyro_ok=gyro_far <= s.gyro_gap_s * 1e9,
             vibration_m_s2=np.where(silent, np.nan, vibration[:, 0]),
@@ -129,9 +136,8 @@ class FrontEnd:
             return []
         blocks = self._padded(self._blocks.last(size + 2 * self._reach), size)
         ticks_ns = (self._next_tick + np.arange(size)) * self._tick_ns
-        levelled = self._level(blocks, size)
         motionless, still = self._motion(blocks, size)
-        values = self._tick_values(blocks, levelled, still, size)
+        values = self._tick_values(blocks, self._level(blocks), motionless, still)
         self.watch.judge(ticks_ns, motionless)
         start_ns, end_ns = int(ticks_ns[0]) - self._tick_ns, int(ticks_ns[-1])
         wheels_ok = blocks.wheels_ok[self._reach : self._reach + size]
@@ -163,20 +169,23 @@ class FrontEnd:
             nothing,
             no,
             nothing,
+            nothing,
+            nothing,
             no,
             nothing + np.nan,
         )
         return empty.joined(blocks)
 
-    def _level(self, blocks: Blocks, size: int) -> Levelled:
+    def _level(self, blocks: Blocks) -> Levelled:
+        """Return the tilt of the ticks, and of some more on either side."""
         s = self._settings
         speed = np.where(blocks.wheels_ok, blocks.speed_m_s, 0.0)
         turn = np.where(blocks.gyro_ok, blocks.turn_rad_s, 0.0)
         own = np.column_stack([np.gradient(speed, s.tick_s), speed * turn, np.zeros(len(speed))])
         both = blocks.wheels_ok[1:] == blocks.wheels_ok[:-1]
         own[1:-1, 0] *= both[1:] & both[:-1]  # no jump where wheels come or go
-        cut = self._reach - self._half
-        chosen = slice(cut, cut + size + 2 * self._half)
+        cut = self._reach - self._half - self._sway_half
+        chosen = slice(cut, len(blocks) - cut)
         weight = (blocks.count > 0) & ~blocks.shock
         return level(
             (blocks.force_m_s2 - own)[chosen],
@@ -206,35 +215,50 @@ class FrontEnd:
             without_ends(confirmed, self._margin, widest),
             without_ends(found.quiet, self._margin_alone, widest),
         )
-        return found.part(slice(widest, -widest)), still
+        now = found.part(slice(widest, -widest))
+        return replace(
+            now, stuck=since_they_began(found.stuck, widest, self._settings.tick_s)
+        ), still
 
     def _tick_values(
-        self, blocks: Blocks, levelled: Levelled, still: BoolArray, size: int
+        self, blocks: Blocks, wider: Levelled, motionless: Motionless, still: BoolArray
     ) -> Float64Array:
-        """Return the (size, COLUMNS) columns of `states.TICK`."""
+        """Return the (N, COLUMNS) columns of `states.TICK`."""
         s = self._settings
-        here = slice(self._reach, self._reach + size)
-        wheels_ok, heard = blocks.wheels_ok[here], blocks.count[here] > 0
+        here = slice(self._reach, -self._reach)
+        levelled = wider.inner(self._sway_half)
+        wheels_ok, heard = blocks.wheels_ok[here] & ~motionless.stuck, blocks.count[here] > 0
         force = blocks.force_m_s2[here, 0]
         noise = blocks.scatter_m2_s4[here] / 3.0 / np.maximum(blocks.count[here], 1)
         guess = self._ground.add(
-            levelled.roll_rad, levelled.roll_sigma_rad, force, noise, still & heard
+            levelled.roll_rad,
+            levelled.roll_sigma_rad,
+            levelled.pitch_rad,
+            force,
+            noise,
+            still & heard,
         )
         guided = ~wheels_ok & ~still & heard & (guess.share > 0.0)
         share = np.where(guided, guess.share, 0.0)
         at_rest = -np.arcsin(np.clip(guess.rest_m_s2 / s.gravity_m_s2, -1.0, 1.0))
-        walk = 2.0 * s.acceleration_time_s * s.acceleration_m_s2**2
-        values = np.zeros((size, COLUMNS))
+        slip, doubt = (part[here] for part in slip_variance(blocks, s))
+        # Without wheels a change of the force is as likely the rover's own acceleration.
+        unseen = np.where(still, 0.0, np.where(wheels_ok, doubt, 1.0))
+        own = unseen * s.unseen_acceleration_ratio**2 * sway(wider.pitch_rad, self._sway_half)
+        values = np.zeros((len(still), COLUMNS))
         values[:, 0] = levelled.roll_rad
         values[:, 1] = (1.0 - share) * levelled.pitch_rad + share * at_rest
         values[:, 2] = levelled.roll_rate_rad_s
         values[:, 3] = (1.0 - share) * levelled.pitch_rate_rad_s
         values[:, 4] = levelled.roll_sigma_rad**2
-        values[:, 5] = levelled.pitch_sigma_rad**2 + guided * guess.pitch_variance_rad2
+        values[:, 5] = (1.0 - share) ** 2 * (levelled.pitch_sigma_rad**2 + own)
+        values[:, 5] += guided * guess.pitch_variance_rad2
         values[:, 6] = np.where(still, np.where(wheels_ok, 2.0, 1.0), 0.0)
         values[:, 7] = share * (force - guess.rest_m_s2)
-        values[:, 8] = np.where(guided, guess.walk_m2_s3 + noise * s.tick_s, walk)
+        values[:, 8] = np.where(guided, guess.walk_m2_s3 + noise * s.tick_s, 0.0)
         values[:, 8] += blocks.shock[here] * s.shock_speed_m_s**2 / s.tick_s
+        values[:, 11] = slip
+        self.watch.doubt(blocks.t_ns[here], (doubt == 1.0) & wheels_ok & ~still)
         values[:, 10] = np.where(guided | still, guess.rest_variance_m2_s4, 0.0)
         return self._tilt_held(values)
 

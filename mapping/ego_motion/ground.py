@@ -7,6 +7,10 @@ pitch, the best guess of the acceleration is the share
     alpha = sigma_a^2 / (sigma_a^2 + g^2 sigma_t^2)
 
 of the force beyond the mean force of the last rest, and its variance is sigma_a^2 (1 - alpha).
+
+A slope that goes on the roll need not show; but no rover accelerates for long. Of a pitch that
+keeps away from that of the last rest for seconds, what is beyond the speeds to be expected is
+ground.
 """
 
 from __future__ import annotations
@@ -22,6 +26,7 @@ from mapping.ego_motion.standstill import BoolArray
 from mapping.geometry import Float64Array
 
 _ROUGHNESS_TIME_S = 2.0
+_SLOPE_TIME_S = 5.0
 _EDGE_S = 0.1
 _LEAST_VARIANCE = 1e-8
 
@@ -32,7 +37,7 @@ class GroundGuess:
 
     Attributes:
         share: alpha; 0 as long as no rest has been seen.
-        rest_m_s2: forward force of the last rest.
+        rest_m_s2: forward force of a rover at rest there.
         rest_variance_m2_s4: its variance; never 0.
         pitch_variance_rad2: what the guess adds to the variance of the pitch.
         walk_m2_s3: what it adds to the variance of the speed per second.
@@ -52,12 +57,15 @@ class GroundWatch:
         self._settings = settings
         self._roll_at_rest = math.nan
         self._roll_variance = 0.0
+        self._pitch_at_rest = self._slow_pitch = math.nan
+        self._largest_rad = settings.speed_sigma_m_s / _SLOPE_TIME_S / settings.gravity_m_s2
         self._rest = RestForce(round(_EDGE_S / settings.tick_s))
 
     def add(
         self,
         roll_rad: Float64Array,
         roll_sigma_rad: Float64Array,
+        pitch_rad: Float64Array,
         force_m_s2: Float64Array,
         noise_m2_s4: Float64Array,
         still: BoolArray,
@@ -65,26 +73,28 @@ class GroundWatch:
         """Take the next ticks; NaN where there is no tilt.
 
         Args:
-            roll_rad, roll_sigma_rad: (N,) levelled.
+            roll_rad, roll_sigma_rad, pitch_rad: (N,) levelled.
             force_m_s2, noise_m2_s4: (N,) forward force of the block and its variance.
             still: (N,) whether the rover stands.
         """
         s = self._settings
-        rough, rest, variance = (np.zeros(len(still)) for _ in range(3))
+        rough, slope, rest, variance = (np.zeros(len(still)) for _ in range(4))
         for i in range(len(still)):
             self._follow(float(roll_rad[i]), float(roll_sigma_rad[i]), bool(still[i]))
             self._rest.add(float(force_m_s2[i]), float(noise_m2_s4[i]), bool(still[i]))
-            rough[i] = self._roll_variance
+            rough[i] = max(self._roll_variance, 0.0)
+            slope[i] = self._slope(float(pitch_rad[i]), bool(still[i]))
             rest[i], variance[i] = self._rest.mean, self._rest.variance
         own = s.acceleration_m_s2**2
-        tilt = rough + s.ground_tilt_rad**2
+        tilt = rough + slope**2 + s.ground_tilt_rad**2
         share = np.where(np.isfinite(rest), own / (own + s.gravity_m_s2**2 * tilt), 0.0)
         return GroundGuess(
             share=share,
-            rest_m_s2=np.nan_to_num(rest),
+            rest_m_s2=np.nan_to_num(rest) - s.gravity_m_s2 * np.sin(slope),
             rest_variance_m2_s4=variance + _LEAST_VARIANCE,
             pitch_variance_rad2=share * tilt,
-            walk_m2_s3=2.0 * s.ground_tilt_time_s * own * (1.0 - share),
+            walk_m2_s3=2.0 * s.ground_tilt_time_s * own * (1.0 - share)
+            + 2.0 * _SLOPE_TIME_S * (share * s.gravity_m_s2 * slope) ** 2,
         )
 
     def _follow(self, roll: float, sigma: float, still: bool) -> None:
@@ -93,9 +103,20 @@ class GroundWatch:
             return
         if still or math.isnan(self._roll_at_rest):
             self._roll_at_rest = roll
-        fresh = max((roll - self._roll_at_rest) ** 2 - sigma * sigma, 0.0)
+        fresh = (roll - self._roll_at_rest) ** 2 - sigma * sigma
         gain = self._settings.tick_s / _ROUGHNESS_TIME_S
         self._roll_variance += gain * (fresh - self._roll_variance)
+
+    def _slope(self, pitch: float, still: bool) -> float:
+        """Return how far the ground's pitch is from that of the last rest, as far as it is sure."""
+        if math.isfinite(pitch):
+            if still or math.isnan(self._pitch_at_rest):
+                self._pitch_at_rest = self._slow_pitch = pitch
+            gain = self._settings.tick_s / _SLOPE_TIME_S
+            self._slow_pitch += gain * (pitch - self._slow_pitch)
+        away = self._slow_pitch - self._pitch_at_rest
+        sure = abs(away) - self._largest_rad
+        return math.copysign(sure, away) if sure > 0.0 else 0.0
 
 
 class RestForce:

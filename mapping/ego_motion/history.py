@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapping.ego_motion.filter_kernels import States
+from mapping.ego_motion.filter_types import States
 from mapping.ego_motion.states import COLUMNS, SIZE
 from mapping.geometry import Float64Array
 

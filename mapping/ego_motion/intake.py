@@ -46,6 +46,8 @@ class Intake:
         self._mounts = mounts
         self._front = front
         self._axes: dict[str, Float64Array] = {}
+        self._gyro_zero_rad_s, self._gyro_scale = settings.gyro_zero_rad_s, settings.gyro_scale
+        self._force_zero, self._force_turn = _force_correction(settings)
         self._metres_per_cycle = settings.vibration_m_per_cycle
         self._gyro_ns = round(settings.gyro_delay_s * 1e9)
         self._wheels_ns = round(settings.wheels_delay_s * 1e9)
@@ -61,7 +63,8 @@ class Intake:
         if isinstance(sample, AccelerationSample):
             return self._force(sample.t_ns, sample.acceleration_m_s2, ACCELEROMETER_FRAME)
         if isinstance(sample, YawRateSample):
-            rate = sample.rate_rad_s / float(self._to_base(GYRO_FRAME)[2, 2])
+            rate = self._gyro_scale * (sample.rate_rad_s - self._gyro_zero_rad_s)
+            rate /= float(self._to_base(GYRO_FRAME)[2, 2])
             return Reading(self._front.gyro, sample.t_ns - self._gyro_ns, (rate,), "a yaw rate")
         if isinstance(sample, WheelTwistSample):
             return self._twist(sample)
@@ -70,6 +73,8 @@ class Intake:
         return None
 
     def _force(self, t_ns: int, force: Float64Array, frame: str) -> Reading:
+        if self._force_turn is not None:
+            force = self._force_turn @ (force - self._force_zero)
         x, y, z = (self._to_base(frame) @ force).tolist()
         return Reading(self._front.force, t_ns - self._force_ns, (x, y, z), "an acceleration")
 
@@ -106,3 +111,14 @@ class Intake:
                 self._mounts.lookup(BASE_FRAME, frame).rotation if known else np.eye(3)
             )
         return self._axes[frame]
+
+
+def _force_correction(s: EgoMotionSettings) -> tuple[Float64Array, Float64Array | None]:
+    """Return the zero and T diag(1/scale) of a calibrated accelerometer; None = as it is."""
+    zero = np.array([s.force_zero_x_m_s2, s.force_zero_y_m_s2, s.force_zero_z_m_s2])
+    turn = np.eye(3)
+    turn[0, 1], turn[0, 2] = -s.force_crooked_xy_rad, -s.force_crooked_xz_rad
+    turn[1, 2] = -s.force_crooked_yz_rad
+    turn = turn / np.array([s.force_scale_x, s.force_scale_y, s.force_scale_z])
+    is_plain = not zero.any() and np.array_equal(turn, np.eye(3))
+    return zero, None if is_plain else turn

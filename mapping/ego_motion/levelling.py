@@ -12,7 +12,7 @@ simulated drives and checked on a real robot (docs/ego_motion.md).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -40,6 +40,10 @@ class Levelled:
     pitch_rate_rad_s: Float64Array
     roll_sigma_rad: Float64Array
     pitch_sigma_rad: Float64Array
+
+    def inner(self, ends: int) -> Levelled:
+        """Return the tilt without so many ticks at either end."""
+        return Levelled(*(getattr(self, f.name)[ends:-ends] for f in fields(self)))
 
 
 def level(
@@ -75,6 +79,23 @@ def level(
         roll_sigma_rad=sigma[:, 1],
         pitch_sigma_rad=sigma[:, 0],
     )
+
+
+def sway(angle_rad: Float64Array, half: int) -> Float64Array:
+    """Return (N,) the variance of an angle around a time, by Hann's window, without the mean.
+
+    Args:
+        angle_rad: (N + 2 half,); what is NaN does not count.
+        half: ticks on either side.
+    """
+    hann = 0.5 * (1.0 + np.cos(np.pi * np.arange(-half, half + 1.0) / (half + 1)))
+    around = sliding_window_view(angle_rad, 2 * half + 1)
+    weight = np.isfinite(around) * hann
+    total = np.maximum(weight.sum(axis=1), 1e-9)
+    known = np.nan_to_num(around)
+    mean = (weight * known).sum(axis=1) / total
+    variance = (weight * (known - mean[:, np.newaxis]) ** 2).sum(axis=1) / total
+    return np.asarray(variance, np.float64)
 
 
 def fit_lines(

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapping.ego_motion.filter_kernels import Int64Array
+from mapping.ego_motion.filter_types import Int64Array
 from mapping.ego_motion.sample_queue import SampleQueue
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.ego_motion.standstill import BoolArray, Motionless
@@ -15,6 +15,7 @@ from mapping.geometry import Float64Array
 
 # A vibration that was told longer ago says nothing about now.
 _VIBRATION_GAP_NS = 500_000_000
+_TURN_S = 2.0
 
 Part = tuple[Int64Array, int, Float64Array]
 """Times, kind and columns of rows of one kind."""
@@ -44,6 +45,9 @@ def gyro_rows(s: EgoMotionSettings, gyro: SampleQueue, after_ns: int, until_ns: 
     values[:, 0] = rate[:, 0]
     period_s = _periods_s(gyro.t_ns, t_ns, 1e-4, s.gyro_gap_s)
     values[:, 1] = s.gyro_noise_rad_s_per_sqrt_hz**2 / (2.0 * period_s)
+    # The scale's error stays the same for as long as a turn does.
+    alike = np.maximum(1.0, 2.0 * _TURN_S / period_s)
+    values[:, 1] += (s.gyro_scale_sigma * rate[:, 0]) ** 2 * alike
     return t_ns, GYRO, values
 
 

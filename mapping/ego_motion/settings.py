@@ -21,6 +21,18 @@ _MAY_BE_ZERO = frozenset(
         "rotation_floor_rad",
         "vibration_m_s2_per_m_s",
         "vibration_m_per_cycle",
+        "gyro_scale_sigma",
+    }
+)
+_ANY_SIGN = frozenset(
+    {
+        "gyro_zero_rad_s",
+        "force_zero_x_m_s2",
+        "force_zero_y_m_s2",
+        "force_zero_z_m_s2",
+        "force_crooked_xy_rad",
+        "force_crooked_xz_rad",
+        "force_crooked_yz_rad",
     }
 )
 
@@ -42,10 +54,17 @@ class EgoMotionSettings:
         levelling_floor_rad: the least sigma of the levelled tilt.
         levelling_bias_rad: sigma of its constant part (accelerometer bias and mount).
         levelling_time_s: correlation time of the rest.
+        unseen_acceleration_ratio: without wheels: sigma that the rover's own acceleration adds to
+            the levelled pitch, over the pitch's scatter within 0.3 s to either side.
         tilt_lost_rad: sigma of roll and pitch while there is no acceleration.
         gyro_noise_rad_s_per_sqrt_hz: white noise of the gyro.
         gyro_bias_rad_s: sigma of the bias at the start.
         gyro_bias_walk_rad_s_per_sqrt_s: its random walk.
+        gyro_zero_rad_s, gyro_scale: true rate = scale (rate - zero), of a calibration.
+        gyro_scale_sigma: sigma of that scale.
+        force_zero_x_m_s2 and y, z; force_scale_x and y, z; force_crooked_xy_rad and xz, yz: of a
+            calibration, in the sensor's axes: force = T diag(1/scale) (reading - zero), T upper
+            triangular with ones, and minus the angles beside them.
         gyro_gap_s: a gyro silent for longer is lost.
         turn_walk_rad_s2_per_sqrt_hz: how fast the yaw rate changes, as a random walk.
         turn_sigma_rad_s: yaw rates to be expected of the vehicle.
@@ -54,6 +73,7 @@ class EgoMotionSettings:
         slip: sigma of the slip that comes and goes, relative to the speed.
         slip_time_s: its correlation time.
         slip_surprise: sigma of the slip once wheels have said something impossible.
+        slip_lost: sigma of the slip while wheels and gyro disagree about the yaw rate.
         lateral_slip_ratio: sigma of the sideways speed over the forward speed.
         lateral_slip_time_s: its correlation time.
         vertical_walk_ratio: sigma of the vertical speed over the forward speed, beyond what the
@@ -107,10 +127,23 @@ class EgoMotionSettings:
     levelling_floor_rad: float = 0.0005
     levelling_bias_rad: float = 0.0021
     levelling_time_s: float = 0.3
+    unseen_acceleration_ratio: float = 1.5
     tilt_lost_rad: float = 0.2
     gyro_noise_rad_s_per_sqrt_hz: float = 2e-4
     gyro_bias_rad_s: float = 0.02
     gyro_bias_walk_rad_s_per_sqrt_s: float = 3e-5
+    gyro_zero_rad_s: float = 0.0
+    gyro_scale: float = 1.0
+    gyro_scale_sigma: float = 0.0
+    force_zero_x_m_s2: float = 0.0
+    force_zero_y_m_s2: float = 0.0
+    force_zero_z_m_s2: float = 0.0
+    force_scale_x: float = 1.0
+    force_scale_y: float = 1.0
+    force_scale_z: float = 1.0
+    force_crooked_xy_rad: float = 0.0
+    force_crooked_xz_rad: float = 0.0
+    force_crooked_yz_rad: float = 0.0
     gyro_gap_s: float = 0.1
     turn_walk_rad_s2_per_sqrt_hz: float = 0.3
     turn_sigma_rad_s: float = 0.5
@@ -119,6 +152,7 @@ class EgoMotionSettings:
     slip: float = 0.06
     slip_time_s: float = 1.0
     slip_surprise: float = 0.5
+    slip_lost: float = 1.0
     lateral_slip_ratio: float = 0.06
     lateral_slip_time_s: float = 0.5
     vertical_walk_ratio: float = 0.04
@@ -127,7 +161,7 @@ class EgoMotionSettings:
     wheels_gap_s: float = 0.15
     acceleration_m_s2: float = 0.5
     acceleration_time_s: float = 0.2
-    ground_tilt_rad: float = 0.005
+    ground_tilt_rad: float = 0.01
     ground_tilt_time_s: float = 0.5
     ground_walk_rad_per_sqrt_s: float = 0.002
     speed_sigma_m_s: float = 0.5
@@ -158,6 +192,10 @@ class EgoMotionSettings:
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, bool):
+                continue
+            if item.name in _ANY_SIGN:
+                if not math.isfinite(value):
+                    raise MappingError(f"{item.name} is {value}; expected a number")
                 continue
             zero_is_fine = item.name in _MAY_BE_ZERO
             low_enough = value >= 0.0 if zero_is_fine else value > 0.0

@@ -148,6 +148,20 @@ def without_ends(still: BoolArray, margin: int, widest: int) -> BoolArray:
     return np.asarray(windows[:, widest - margin : widest + margin + 1].all(axis=1))
 
 
+def since_they_began(stuck: BoolArray, widest: int, tick_s: float) -> BoolArray:
+    """Return the ticks whose wheels are stuck, or will turn out to have been since before.
+
+    Args:
+        stuck: (N + 2 widest,).
+        widest: ticks that are there on either side of those to judge; it is looked ahead as far
+            as that, but not further than `stuck` comes late.
+        tick_s: distance of the ticks.
+    """
+    late = min(widest, round(_STUCK_AFTER_S / tick_s))
+    windows = np.lib.stride_tricks.sliding_window_view(stuck[widest:], widest + 1)
+    return np.asarray(windows[:, : late + 1].any(axis=1))
+
+
 def vibration_level(blocks: Blocks, half: int) -> Float64Array:
     """Return the (N,) RMS vibration around every block, summed over the axes; NaN where unknown.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mapping.ego_motion.blocks import Blocks
 from mapping.ego_motion.events import EgoEvent, EventKind
 from mapping.ego_motion.filter import Surprise
-from mapping.ego_motion.filter_kernels import Int64Array
+from mapping.ego_motion.filter_types import Int64Array
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.ego_motion.standstill import BoolArray, Motionless
 from mapping.ego_motion.states import WHEELS
@@ -47,6 +47,11 @@ class HealthWatch:
         """Look for wheels that stand although the rover moves."""
         for t_ns in ticks_ns[motionless.stuck].tolist():
             self.tell(t_ns, "wheels_stuck", "wheels say 0 while the rover vibrates; not believed")
+
+    def doubt(self, ticks_ns: Int64Array, lost: BoolArray) -> None:
+        """Look for wheels that turn the rover otherwise than it turns."""
+        for t_ns in ticks_ns[lost].tolist():
+            self.tell(t_ns, "wheels_slip", "wheels and gyro disagree; the wheels are not believed")
 
     def surprise(self, surprises: list[Surprise]) -> None:
         """Tell what the filter did not believe."""

@@ -11,8 +11,8 @@ the offsets o of the confirmed cells inside 3.5 sigma:
 
 On a plane of slope g the variance is V + g' Sigma_xy g. The bounds are those of the ground that
 may be there, not three times a sigma: beside a step they do not reach beyond top and bottom; on a
-plane they are 0.7 to 1.6 times as far away as three of these sigmas, by how cells fall into the
-ellipse.
+plane they are 0.7 to 1.7 times as far away as three of these sigmas, by how cells and blocks fall
+into the ellipse.
 """
 
 from __future__ import annotations

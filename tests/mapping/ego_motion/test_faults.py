@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from drivers.samples import AccelerationSample, Sample, WheelTwistSample, YawRat
 from mapping.ego_motion.ego_motion import EgoMotion
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.errors import MappingError
-from mapping.geometry import UncertainPose
+from mapping.geometry import Float64Array, UncertainPose
 from tests.mapping.ego_motion.drives import START_NS, Drive, cut, in_order, replay
 
 NO_DELAY = EgoMotionSettings(
@@ -22,11 +22,11 @@ NO_DELAY = EgoMotionSettings(
 
 
 def followed(
-    samples: Sequence[Sample], settings: EgoMotionSettings = NO_DELAY
+    samples: Sequence[Sample], settings: EgoMotionSettings = NO_DELAY, step_s: float = 0.1
 ) -> tuple[dict[float, UncertainPose], EgoMotion]:
     """Return the poses by seconds; all of them finite, all covariances sound."""
     ego = EgoMotion(settings)
-    poses = {round(seconds, 3): pose for seconds, pose in replay(ego, samples)}
+    poses = {round(seconds, 3): pose for seconds, pose in replay(ego, samples, step_s)}
     for pose in poses.values():
         assert np.isfinite(pose.transform.translation_m).all()
         assert np.isfinite(pose.covariance).all()
@@ -114,6 +114,99 @@ def test_stamps_out_of_order_by_200_ms_change_nothing(clean: dict[float, Uncerta
         np.testing.assert_allclose(
             found.transform.translation_m, expected.transform.translation_m, rtol=1e-9, atol=1e-12
         )
+
+
+def unplugged(drive: Drive) -> list[Sample]:
+    return in_order(drive.acceleration(), cut(drive.rates(), 3.0, 8.0), drive.wheels())
+
+
+def stuck(drive: Drive) -> list[Sample]:
+    return with_wheels(drive, 0.0, 0.0)
+
+
+def slipping(drive: Drive) -> list[Sample]:
+    return with_wheels(drive, 2.0, 1.0)
+
+
+def with_wheels(drive: Drive, speed: float, turn: float) -> list[Sample]:
+    """Return samples whose wheels say so many times as much from 3 to 5 s."""
+    wheels = [
+        replace(w, speed_m_s=speed * w.speed_m_s, yaw_rate_rad_s=turn * w.yaw_rate_rad_s)
+        if 3.0 < second(w) < 5.0
+        else w
+        for w in drive.wheels()
+    ]
+    return in_order(drive.acceleration(), drive.rates(), wheels)
+
+
+def shaken(drive: Drive) -> list[Sample]:
+    push = np.array([3.0 * 9.81, 0.0, 0.0])
+    force = [
+        AccelerationSample(s.t_ns, s.acceleration_m_s2 + push, s.sequence)
+        if 4.0 < second(s) < 4.01
+        else s
+        for s in drive.acceleration()
+    ]
+    return in_order(force, drive.rates(), drive.wheels())
+
+
+def shuffled(drive: Drive) -> list[Sample]:
+    shuffler = random.Random(drive.seed)
+    arrival = [(s.t_ns + shuffler.randrange(200_000_000), s) for s in drive.samples()]
+    return [sample for _, sample in sorted(arrival, key=lambda pair: pair[0])]
+
+
+class SpinsInPlace(Drive):
+    """From 3 to 5 s the wheels of one side dig in: they turn, the rover does not."""
+
+    def speed(self, t: Float64Array) -> Float64Array:
+        return np.where((t > 3.0) & (t < 5.0), 0.0, super().speed(t))
+
+    def wheels(self) -> list[WheelTwistSample]:
+        return [
+            replace(w, speed_m_s=0.3, yaw_rate_rad_s=0.8) if 3.0 < second(w) < 5.0 else w
+            for w in super().wheels()
+        ]
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind"),
+    [
+        (unplugged, Drive),
+        (stuck, Drive),
+        (slipping, Drive),
+        (shaken, Drive),
+        (shuffled, Drive),
+        (Drive.samples, SpinsInPlace),
+    ],
+)
+def test_after_a_fault_the_error_is_that_of_the_stated_sigma(
+    fault: Callable[[Drive], list[Sample]], kind: type[Drive]
+) -> None:
+    """Over drives of different noise, wheel scale and gyro bias."""
+    squares = []
+    for seed, scale in ((2, -0.03), (4, 0.04)):
+        drive = kind(seed=seed, scale=scale, bias_rad_s=0.005 * seed)
+        poses, _ = followed(fault(drive), step_s=0.5)
+        squares += [normalised(poses[t], drive, t) ** 2 for t in (5.5, 7.5, 11.5)]
+    assert np.max(squares) < 3.5**2
+    assert np.mean(squares) < 2.0
+
+
+def normalised(pose: UncertainPose, drive: Drive, seconds: float) -> Float64Array:
+    """Return the errors of x, y and yaw over their sigmas."""
+    yaw = np.arctan2(pose.transform.rotation[1, 0], pose.transform.rotation[0, 0])
+    found = np.array([*pose.transform.translation_m[:2], yaw])
+    error = found - drive.truth(np.array([seconds]))[0]
+    return np.asarray(error / np.sqrt(pose.covariance.diagonal()[[0, 1, 5]]), np.float64)
+
+
+def test_wheels_that_turn_the_rover_otherwise_than_the_gyro_are_doubted() -> None:
+    drive = SpinsInPlace()
+    poses, ego = followed(drive.samples(), step_s=0.5)
+    assert "wheels_slip" in [event.kind for event in ego.events]
+    # 0.6 m of wheels, none of it driven: at least half of it is doubt.
+    assert poses[5.5].covariance[0, 0] ** 0.5 > 0.15
 
 
 def test_a_sample_that_is_too_late_is_left_out_and_told() -> None:

@@ -9,7 +9,8 @@ import pytest
 
 from mapping.ego_motion.ego_motion import EgoMotion
 from mapping.ego_motion.filter import filter_constants
-from mapping.ego_motion.filter_kernels import Rows, States, run
+from mapping.ego_motion.filter_kernels import run
+from mapping.ego_motion.filter_types import Rows, States
 from mapping.ego_motion.history import empty_states
 from mapping.ego_motion.relative import positive
 from mapping.ego_motion.settings import EgoMotionSettings
@@ -40,11 +41,12 @@ def moved(x: Float64Array, held: Float64Array, seconds: float) -> tuple[Float64A
     return state.x[0], state.phi[0]
 
 
-def test_the_derivative_of_a_step_is_that_of_its_motion() -> None:
+@pytest.mark.parametrize("rest_variance", [1e-4, 0.0], ids=["by the force", "by the wheels"])
+def test_the_derivative_of_a_step_is_that_of_its_motion(rest_variance: float) -> None:
     rng = np.random.default_rng(3)
     x = 0.1 * rng.standard_normal(SIZE)
     x[3], x[4], x[5] = 0.7, 0.3, 0.2
-    held = np.array([0.05, -0.1, 0.0, 0.0, 1e-4, 1e-4, 0.0, 0.1, 0.1, 0.0, 1e-4])
+    held = np.array([0.05, -0.1, 0.0, 0.0, 1e-4, 1e-4, 0.0, 0.1, 0.1, 0.0, rest_variance, 0.0])
     end, phi = moved(x, held, 0.01)
     for i in range(SIZE):
         ahead = x.copy()

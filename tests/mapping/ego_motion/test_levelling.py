@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from mapping.ego_motion.blocks import force_blocks
-from mapping.ego_motion.levelling import fit_lines, level
+from mapping.ego_motion.levelling import fit_lines, level, sway
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.ego_motion.tilt import angles, from_pose, rotation, rotation_jacobian, to_pose
 from mapping.geometry import Float64Array
 
 HALF = 20
+SWAY = 15
 tilts = st.floats(-0.6, 0.6)
 
 
@@ -86,7 +88,9 @@ def test_a_pose_and_back() -> None:
 def test_a_real_robot_is_levelled_within_the_stated_sigma(real_data: Path, name: str) -> None:
     """The Kinect of a Pioneer robot (Sturm et al. 2012) against motion capture.
 
-    One constant rotation between accelerometer and markers is fitted: it is in no data sheet.
+    One constant rotation between accelerometer and markers is fitted: it is in no data sheet. So
+    is the vertical of the motion capture: with the accelerometer's it does not agree to a degree.
+    No wheels are recorded, so that the robot's own acceleration is in the levelled pitch.
     """
     stem = real_data / "tum_fr2_pioneer" / f"rgbd_dataset_freiburg2_pioneer_{name}"
     # numpy unpacks .gz itself.
@@ -99,24 +103,50 @@ def test_a_real_robot_is_levelled_within_the_stated_sigma(real_data: Path, name:
     mean, count, _, _ = force_blocks(t_ns, force[:, 1:], ticks_ns, 20_000_000, 25.0)
     fitted, _, variance, share = fit_lines(mean, (count > 0).astype(float), HALF)
     wanted = ticks_ns[HALF:-HALF] * 1e-9
-    up = Rotation.from_quat(poses[:, 4:]).inv().apply([0.0, 0.0, 1.0])
-    true = np.column_stack([np.interp(wanted, seconds, axis) for axis in up.T])
+    near = np.clip(np.searchsorted(seconds, wanted), 0, len(seconds) - 1)
+    body = Rotation.from_quat(poses[near, 4:]).inv()
     gap_s = np.diff(seconds)[np.clip(np.searchsorted(seconds, wanted), 1, len(seconds) - 1) - 1]
     known = (gap_s < 0.05) & (share > 0.9)
     size = np.linalg.norm(fitted, axis=1)
-    found = fitted[known] / size[known, np.newaxis]
-    turn, _ = Rotation.align_vectors(true[known], found)
-    residual = np.linalg.norm(np.cross(turn.apply(found), true[known]), axis=1)
+    found = fitted / size[:, np.newaxis]
+    turn, _ = Rotation.align_vectors(body[known].apply([0.0, 0.0, 1.0]), found[known])
+
+    def apart(fit: Float64Array) -> Float64Array:
+        """Return found minus true directions, in the accelerometer's axes."""
+        up = np.array([fit[3], fit[4], 1.0]) / np.linalg.norm([fit[3], fit[4], 1.0])
+        true = (Rotation.from_rotvec(fit[:3]) * turn).inv().apply(body.apply(up))
+        return np.asarray(found - true, np.float64)
+
+    fit = least_squares(
+        lambda p: apart(p)[known].ravel(), np.zeros(5), "2-point", loss="soft_l1", f_scale=0.01
+    ).x
+    leaning_deg = np.degrees(np.hypot(fit[3], fit[4]))
+    # x is to the side, z ahead; y is up.
+    error = apart(fit)[:, [0, 2]]
     s = EgoMotionSettings()
-    per_axis = s.levelling_sigma_ratio**2 * variance[known].sum(axis=1) / 2.0 / size[known] ** 2
-    sigma = np.sqrt(per_axis + s.levelling_bias_rad**2)
-    scaled = residual / sigma
+    square = s.levelling_sigma_ratio**2 * variance[:, [0, 2]] / size[:, np.newaxis] ** 2
+    square += s.levelling_bias_rad**2 + s.levelling_floor_rad**2
+    ahead = np.pad(np.arcsin(found[:, 2]), SWAY, constant_values=np.nan)
+    square[:, 1] += s.unseen_acceleration_ratio**2 * sway(ahead, SWAY)
+    residual = np.linalg.norm(error[known], axis=1)
+    scaled = (error[known] ** 2 / square[known]).sum(axis=1)
     print(
-        f"{name}: median residual {np.degrees(np.median(residual)):.2f} deg, sigma "
-        f"{np.degrees(np.median(sigma)):.2f} deg per axis, within 1 / 3 sigma "
-        f"{(scaled < 1.515).mean():.3f} / {(scaled < 3.439).mean():.3f}"
+        f"{name}: vertical of the motion capture off by {leaning_deg:.2f} deg; median residual "
+        f"{np.degrees(np.median(residual)):.2f} deg, sigma of the pitch "
+        f"{np.degrees(np.median(square[known, 1]) ** 0.5):.2f} deg, within 1 / 3 sigma "
+        f"{(scaled < 2.296).mean():.3f} / {(scaled < 11.83).mean():.3f}"
     )
-    assert np.degrees(np.median(residual)) < 1.3
-    # Of two axes: 68.3 % and 99.7 % are within 1.515 and 3.439 sigma.
-    assert 0.6 < (scaled < 1.515).mean() < 0.85
-    assert (scaled < 3.439).mean() > 0.9
+    assert np.degrees(np.median(residual)) < 0.8
+    # A property of the room, found alike from either recording.
+    assert 0.8 < leaning_deg < 1.15
+    # Of two axes: 68.3 % and 99.7 % are within 1 and 3 sigma.
+    assert 0.68 < (scaled < 2.296).mean() < 0.95
+    assert (scaled < 11.83).mean() > 0.985
+
+
+def test_sway_is_the_variance_without_the_mean() -> None:
+    angle = 0.3 + 0.01 * np.tile([1.0, -1.0], 31)[:61]
+    assert sway(angle, 15)[15] == pytest.approx(1e-4, rel=0.01)
+    angle[:20] = np.nan
+    assert sway(angle, 15)[15] == pytest.approx(1e-4, rel=0.05)
+    assert sway(np.full(31, np.nan), 15)[0] == 0.0

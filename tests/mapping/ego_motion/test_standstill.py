@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from mapping.ego_motion.settings import EgoMotionSettings
-from mapping.ego_motion.standstill import MotionDetector, Motionless, without_ends
+from mapping.ego_motion.standstill import (
+    MotionDetector,
+    Motionless,
+    since_they_began,
+    without_ends,
+)
 from mapping.geometry import Float64Array
 
 SETTINGS = EgoMotionSettings(still_ratio=1.2, moving_ratio=1.5, stuck_ratio=2.0)
@@ -48,6 +53,13 @@ def test_wheels_that_stand_while_the_rover_shakes_are_stuck_after_a_while() -> N
 def test_excess_is_what_the_rest_does_not_explain() -> None:
     found, _ = judged(np.concatenate([np.full(60, 3.0), [5.0]]))
     assert abs(found.excess_m_s2[-1] - 4.0) < 1e-9
+
+
+def test_stuck_wheels_were_stuck_before_it_was_sure() -> None:
+    found = np.zeros(100, np.bool_)
+    found[60:70] = True
+    assert np.flatnonzero(since_they_began(found, 25, 0.02)).tolist() == list(range(10, 45))
+    assert not since_they_began(np.zeros(60, np.bool_), 25, 0.02).any()
 
 
 def test_ends_are_taken_off() -> None:
