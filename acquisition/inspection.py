@@ -198,7 +198,9 @@ def check(path: Path, *, max_gap_periods: float = MAX_GAP_PERIODS) -> list[Findi
         findings += _sequence_findings(topic, log)
         findings += _gap_findings(topic, log, max_gap_periods)
     for name, faults in found.faults().items():
-        findings += [Finding("device", name, f"{text} by its driver") for text in faults.losses()]
+        findings += [
+            Finding("device", name, f"its driver counted {text}") for text in faults.losses()
+        ]
     return findings
 
 

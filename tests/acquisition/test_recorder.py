@@ -269,7 +269,7 @@ def test_what_a_driver_lost_is_told_by_the_recording(tmp_path: Path) -> None:
     assert "  imu lost: 5 garbage bytes" in inspect(path).describe()
     assert "  imu mended: 5 retries" in inspect(path).describe()
     (found,) = [finding for finding in check(path) if finding.kind == "device"]
-    assert found.describe() == "device: imu: 5 garbage bytes by its driver"
+    assert found.describe() == "device: imu: its driver counted 5 garbage bytes"
 
 
 def test_a_sample_that_no_message_can_express_is_counted(tmp_path: Path) -> None:
