@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.messages.frames import MOCAP_BODY_FRAME
-from acquisition.stream.provenance import METADATA_NAME
 from acquisition.stream.read_report import ReadReport
 from acquisition.stream.reader import StreamMessage, StreamReader
 from mapping.calibration_file import (
     Calibration,
-    DeviceIdentity,
 )
 from mapping.cells.elevation_map import ElevationMap
 from mapping.ego_motion.calibrated import CalibratedSettings, calibrated
@@ -27,6 +24,7 @@ from mapping.mapper import Mapper, MapperCounts
 from mapping.noise import DepthNoiseModel
 from mapping.noise_choice import ChosenNoise, choose_noise
 from mapping.paper2019.paper_mapper import PaperMapper
+from mapping.recorded import depth_device, recorded_device, recorded_settings
 from mapping.settings import MapSettings
 from mapping.stored_settings import flat, overlaid
 from mapping.undistortion import Undistortion
@@ -128,22 +126,6 @@ def map_stream(
     )
 
 
-def recorded_settings(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
-    """Return the settings that the recording was made with; empty for others' recordings.
-
-    Raises:
-        MappingError: they are there but are not a JSON object.
-    """
-    text = metadata.get(METADATA_NAME, {}).get("settings", "{}")
-    try:
-        settings = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise MappingError(f"the recording's settings are not JSON: {error}") from error
-    if not isinstance(settings, dict):
-        raise MappingError("the recording's settings are not a JSON object")
-    return settings
-
-
 def _mapper_for(
     options: MapOptions,
     metadata: Mapping[str, Mapping[str, str]],
@@ -210,15 +192,6 @@ def _world_grid(
     return WorldGrid(settings, store)
 
 
-def depth_device(metadata: Mapping[str, Mapping[str, str]]) -> DeviceIdentity:
-    """Return which device a recording's depth frames come from, as far as it says so.
-
-    Raises:
-        MappingError: as `recorded_device`.
-    """
-    return recorded_device(metadata, "DepthFrame")
-
-
 def calibrated_motion(
     settings: EgoMotionSettings,
     metadata: Mapping[str, Mapping[str, str]],
@@ -235,25 +208,6 @@ def calibrated_motion(
     }
     files = recorded_settings(metadata).get("calibration_files")
     return calibrated(settings, devices, files if isinstance(files, dict) else {}, calibrations)
-
-
-def recorded_device(metadata: Mapping[str, Mapping[str, str]], *samples: str) -> DeviceIdentity:
-    """Return which device a recording's samples of some types come from, as far as it says so.
-
-    Raises:
-        MappingError: what it says of its sources is not a JSON object.
-    """
-    for name, text in metadata.get(METADATA_NAME, {}).items():
-        if not name.startswith("source."):
-            continue
-        try:
-            identity = dict(json.loads(text))
-        except (ValueError, TypeError) as error:
-            raise MappingError(f"the recording's {name} is not a JSON object: {error}") from error
-        if set(samples) & set(identity.get("produces", ())):
-            model, serial = (str(identity.get(key, "")) for key in ("model", "serial"))
-            return DeviceIdentity(model=model, serial=serial)
-    return DeviceIdentity()
 
 
 def _noise_for(options: MapOptions, metadata: Mapping[str, Mapping[str, str]]) -> ChosenNoise:

@@ -23,7 +23,8 @@ from mapping.errors import MappingError
 from mapping.mapper import Mapper
 from mapping.noise import KINECT_V1, NGUYEN_2012, constant_noise
 from mapping.output.map_summary import summarise_run
-from mapping.session import MapOptions, MapResult, map_stream, recorded_settings
+from mapping.recorded import recorded_settings
+from mapping.session import MapOptions, MapResult, map_stream
 from mapping.settings import MapSettings
 from tests.fakes.recordings import reader_of
 from tests.mapping.scenes import floor_frame, mount, pose_sample
