@@ -16,6 +16,7 @@ from acquisition.stream.reader import StreamMessage
 from drivers.source import Source
 from mapping.errors import MappingError
 from mapping.judging.evaluation import Scores
+from mapping.judging.origin import Origin
 from mapping.judging.truth import Truth, evaluate_truth, read_truth
 from mapping.live import record_and_map
 from mapping.output.figures import write_figures
@@ -59,7 +60,12 @@ class DemoResult:
 
     def as_json(self) -> dict[str, object]:
         """Return the scores under the names of `terravibe evaluate`, and the run."""
-        return {**self.scores.as_json(), "seconds": self.seconds, "run": self.run.as_json()}
+        return {
+            **self.scores.as_json(),
+            "origin": Origin("world").as_json(),
+            "seconds": self.seconds,
+            "run": self.run.as_json(),
+        }
 
     def describe(self) -> list[str]:
         """Return the result as lines for people."""

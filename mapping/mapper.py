@@ -8,27 +8,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
 
 from acquisition.messages.codec import Recordable
 from acquisition.messages.frames import BASE_FRAME, DEPTH_OPTICAL_FRAME, StaticTransforms
-from drivers.samples import CameraIntrinsics, DepthFrame, PoseSample
+from drivers.samples import DepthFrame, PoseSample
 from mapping.alignment.localiser import Localiser
 from mapping.cells.elevation_map import ElevationMap, read_out
 from mapping.cells.grid import CellWindow, Grid, make_grid
 from mapping.cells.update_constants import FrameConstants, fusion_constants
 from mapping.cells.update_kernels import fuse
-from mapping.change.hidden import mark_hidden
-from mapping.change.overhang import drop_overhangs
-from mapping.change.own_body import drop_own_body
-from mapping.change.visibility import clear_seen_through, sight_of
 from mapping.errors import MappingError
-from mapping.geometry import UncertainPose
+from mapping.frame_readers import FrameReaders
+from mapping.geometry import RigidTransform, UncertainPose
 from mapping.mapper_counts import MapperCounts as MapperCounts
-from mapping.measurement import Float64Array, FrameReducer, View
+from mapping.measurement import FrameReducer, View
 from mapping.motion.ledger import MotionLedger
 from mapping.motion.pose_errors import PoseErrorModel
 from mapping.motion.read_out import Rover
@@ -42,8 +35,6 @@ from mapping.poses.frame_covariance import frame_covariance
 from mapping.poses.motion import MotionTracker
 from mapping.settings import MapSettings
 from mapping.undistortion import Undistortion
-
-FloatArray = TypeVar("FloatArray", NDArray[np.float32], NDArray[np.float64])
 
 # A depth frame waits this long, in stream time, for its pose to be known.
 _POSE_WAIT_NS = 2_000_000_000
@@ -80,10 +71,9 @@ class Mapper:
             MappingError: the ranges of settings and noise model have nothing in common.
         """
         self.settings = settings
-        self.noise = _within_both_ranges(settings, noise)
-        self.undistortion = undistortion
         self.pose_errors = pose_errors or pose_errors_for(settings)
         self.counts = MapperCounts()
+        self._readers = FrameReaders(settings, noise, fallback, undistortion, self.counts)
         self._on_pose = on_pose
         self._grid = grid or make_grid(settings)
         before = self._grid.run
@@ -111,8 +101,16 @@ class Mapper:
             )
             self._localiser.slid_rad = before.slid_rad
         self._waiting: list[DepthFrame] = []
-        self._fallbacks = _around(self.noise, settings, fallback)
-        self._reducers: list[FrameReducer] = []
+
+    @property
+    def noise(self) -> DepthNoiseModel:
+        """Noise model of the depth camera, within the settings' range."""
+        return self._readers.noise
+
+    @property
+    def undistortion(self) -> Undistortion | None:
+        """What is taken off the depth camera's readings; None = nothing."""
+        return self._readers.undistortion
 
     @property
     def body_frame(self) -> str:
@@ -219,9 +217,10 @@ class Mapper:
 
     def _map(self, frame: DepthFrame, prior: UncertainPose) -> None:
         """One depth frame's walk: readings, pose, motion, footprint, sums per cell, update."""
-        reducers = self._reducers_for(frame.camera)
+        reducers = self._readers.of(frame.camera)
         mount = self._mounts.lookup(self.body_frame, DEPTH_OPTICAL_FRAME)
-        readings = [self._load(reducer, frame) for reducer in reducers]
+        on_rover = self._mount_on_rover()
+        readings = [self._readers.load(reducer, frame, on_rover) for reducer in reducers]
         pose: UncertainPose | None = prior
         if self._localiser is not None:
             pose = self._localiser.refine(reducers[0], prior, mount, self._grid)
@@ -235,10 +234,10 @@ class Mapper:
         repeats = self._repeats.count(view.T_terrain_sensor, counted)
         constants = [self._constants(reducer, view, window, repeats) for reducer in reducers]
         sums = [
-            self._reduce(reducer, count, view, window, c)
+            self._readers.reduce(reducer, count, view, window, c, self._grid.layers)
             for reducer, count, c in zip(reducers, readings, constants, strict=True)
         ]
-        self._look_around(frame, view, _together(sums), constants[0])
+        self._readers.look_around(frame, view, sums, constants[0], self._grid.layers)
         for part, c in zip(sums, constants, strict=True):
             result = fuse(part, c, self._fusion, self._grid.layers, self._ledger.motions)
             self.counts.updates += result.cells
@@ -248,9 +247,11 @@ class Mapper:
         self._grid.keep(self._run())
         self._on_pose(pose)
 
-    def _load(self, reducer: FrameReducer, frame: DepthFrame) -> int:
-        """Take a frame's readings; return how many are left without those of the rover itself."""
-        return reducer.load(frame.depth_mm) - self._drop_own_body(reducer)
+    def _mount_on_rover(self) -> RigidTransform | None:
+        """Return where the camera is on the rover, if the rover may be in its view."""
+        if not self.settings.body_boxes_m:
+            return None
+        return self._mounts.lookup(BASE_FRAME, DEPTH_OPTICAL_FRAME)
 
     def _constants(
         self, reducer: FrameReducer, view: View, window: CellWindow, repeats: int
@@ -264,23 +265,6 @@ class Mapper:
             drift_per_m=errors.drift_per_m,
             repeats=float(repeats),
         )
-
-    def _reduce(
-        self,
-        reducer: FrameReducer,
-        readings: int,
-        view: View,
-        window: CellWindow,
-        constants: FrameConstants,
-    ) -> Float64Array:
-        """Return the sums over the window of the readings that a reducer took."""
-        readings -= self._drop_overhangs(reducer, view, constants)
-        sums, inside = reducer.reduce(view, window)
-        self.counts.readings += readings
-        self.counts.readings_outside += readings - inside
-        if reducer is not self._reducers[0]:
-            self.counts.readings_uncalibrated += readings
-        return sums[: window.cells_x * window.cells_y]
 
     def _follow_latest(self) -> None:
         """Follow the rover though there is no depth."""
@@ -297,47 +281,6 @@ class Mapper:
         self._rover_m = (x_m, y_m)
         self._last = pose
 
-    def _drop_own_body(self, reducer: FrameReducer) -> int:
-        """Drop what hits the rover itself; return how many readings."""
-        if not self.settings.body_boxes_m:
-            return 0
-        mount = self._mounts.lookup(BASE_FRAME, DEPTH_OPTICAL_FRAME)
-        dropped = drop_own_body(reducer.readings, self.settings.body_boxes_m, mount)
-        self.counts.readings_own_body += dropped
-        return dropped
-
-    def _drop_overhangs(self, reducer: FrameReducer, view: View, constants: FrameConstants) -> int:
-        """Drop what hangs high above the ground; return how many readings."""
-        if self.settings.overhang_clearance_m == 0.0:
-            return 0
-        layers = self._grid.layers
-        dropped = drop_overhangs(reducer.readings, view, constants, layers, self.settings)
-        self.counts.readings_overhanging += dropped
-        return dropped
-
-    def _look_around(
-        self, frame: DepthFrame, view: View, sums: Float64Array, constants: FrameConstants
-    ) -> None:
-        """Forget cells that frames have looked through; mark those that are hidden from this."""
-        limit = self.settings.seen_through_frames
-        if limit:
-            layers = self._grid.layers
-            sight = sight_of(frame.camera, self.noise, view, limit)
-            self.counts.cleared += clear_seen_through(
-                frame.depth_mm, sums, constants, sight, layers
-            )
-            whole = _together([reducer.readings.z_m for reducer in self._reducers])
-            readings = self._reducers[0].readings._replace(z_m=whole)
-            mark_hidden(readings, view, constants, sight, layers.hidden)
-
-    def _reducers_for(self, camera: CameraIntrinsics) -> list[FrameReducer]:
-        if not self._reducers or self._reducers[0].camera != camera:
-            noises = [self.noise, *self._fallbacks]
-            self._reducers = [
-                FrameReducer(camera, noise, self.settings, self.undistortion) for noise in noises
-            ]
-        return self._reducers
-
     def _count_poses(self) -> None:
         """Copy the counts of those that count for themselves."""
         poses = self._poses.counts
@@ -352,34 +295,3 @@ class Mapper:
         if self.counts.frames_without_pose == 0:
             return "the stream holds no depth frame; nothing can be mapped"
         return self._poses.why_nothing(self.counts.frames_without_pose)
-
-
-def _within_both_ranges(settings: MapSettings, noise: DepthNoiseModel) -> DepthNoiseModel:
-    range_min_m = max(noise.range_min_m, settings.range_min_m)
-    range_max_m = min(noise.range_max_m, settings.range_max_m)
-    if range_min_m >= range_max_m:
-        raise MappingError(
-            f"the settings map {settings.range_min_m} to {settings.range_max_m} m and noise model "
-            f"{noise.name!r} covers {noise.range_min_m} to {noise.range_max_m} m; expected ranges "
-            "that overlap"
-        )
-    return noise.with_range(range_min_m, range_max_m)
-
-
-def _around(
-    noise: DepthNoiseModel, settings: MapSettings, fallback: DepthNoiseModel | None
-) -> list[DepthNoiseModel]:
-    """Return the fallback for the distances below and above those that `noise` covers."""
-    if fallback is None:
-        return []
-    wanted = _within_both_ranges(settings, fallback)
-    # Readings are float32; the one at a bound belongs to `noise`.
-    below = float(np.nextafter(np.float32(noise.range_min_m), np.float32(0.0)))
-    above = float(np.nextafter(np.float32(noise.range_max_m), np.float32(np.inf)))
-    parts = [(wanted.range_min_m, below), (above, wanted.range_max_m)]
-    return [fallback.with_range(low, high) for low, high in parts if low < high]
-
-
-def _together(parts: list[FloatArray]) -> FloatArray:
-    """Return the sum of what reducers of separate distances hold; that of one is not copied."""
-    return parts[0] if len(parts) == 1 else np.sum(parts, axis=0, dtype=parts[0].dtype)

@@ -11,6 +11,8 @@ FloatArray = NDArray[np.float32] | Float64Array
 
 # Noise of depth cameras is alike over less than this.
 _REACH_PX = 12
+# Readings that all are the same have no noise to share; what is left is rounding.
+_STILL_PX2 = 1e-12
 
 
 def correlation_area_px(residual: FloatArray) -> float:
@@ -19,7 +21,7 @@ def correlation_area_px(residual: FloatArray) -> float:
     n neighbouring pixels are worth n / area independent ones.
 
     Args:
-        residual: (frames, height, width) deviations from the plane; NaN = none.
+        residual: (frames, height, width) deviations from the plane, pixels; NaN = none.
     """
     there = np.isfinite(residual)
     if np.count_nonzero(there) < 100:
@@ -31,7 +33,7 @@ def correlation_area_px(residual: FloatArray) -> float:
     with np.errstate(invalid="ignore", divide="ignore"):
         covariance = np.where(pairs > 50.0, products / pairs, 0.0)
     variance = covariance[_REACH_PX, _REACH_PX]
-    if not variance > 0.0:  # every pixel on the plane to the last bit: nothing tells who shares
+    if not variance > _STILL_PX2:
         return 1.0
     rho = covariance / variance
     v, u = np.ogrid[-_REACH_PX : _REACH_PX + 1, -_REACH_PX : _REACH_PX + 1]

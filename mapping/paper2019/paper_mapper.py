@@ -111,7 +111,7 @@ class PaperMapper(Mapper):
 
     def _map(self, frame: DepthFrame, pose: UncertainPose) -> None:
         """One depth frame's walk: the motion since the last one, then the measurement."""
-        (reducer,) = self._reducers_for(frame.camera)
+        (reducer,) = self._readers.of(frame.camera)
         mount = self._mounts.lookup(self.body_frame, DEPTH_OPTICAL_FRAME)
         view = View(pose, pose.transform @ mount)
         readings = reducer.load(frame.depth_mm)

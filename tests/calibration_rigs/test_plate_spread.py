@@ -134,3 +134,4 @@ def test_correlation_area() -> None:
     # The mean over the places in a 3 x 3 block of sum rho is 9.
     assert correlation_area_px(blocks) == pytest.approx(9.0, rel=0.25)
     assert correlation_area_px(np.full((1, 5, 5), np.nan)) == 1.0
+    assert correlation_area_px(np.full((2, 20, 20), 0.3, np.float32)) == 1.0

@@ -50,8 +50,8 @@ def test_all_frames_are_mapped(result: MapResult) -> None:
     counts = result.counts
     assert (counts.frames, counts.frames_without_pose, counts.readings_outside) == (58, 0, 0)
     assert counts.readings > 15_000_000
-    # Flying pixels and the box's walls, not the floor.
-    assert 0 < counts.rejected < 0.002 * counts.updates
+    # Flying pixels, and cells on the box's edges that frames see from above or from its side.
+    assert 0 < counts.rejected < 0.005 * counts.updates
 
 
 @pytest.mark.parametrize("kind", ["measured", "around the box"])
