@@ -1,9 +1,9 @@
-"""The per-cell loops of `mapping.ground.layers` (numba, cached, no fast-math, fixed order of sums).
+"""The planes of `mapping.ground.layers` (numba, cached, no fast-math, fixed order of sums).
 
 A disc of cells is given by `half`: half[k] is how many cells it reaches to either side in the
-rows that are k away from its centre. Arrays called "padded" have half.size - 1 more cells of "no
-cell" on every side. The innermost loops run along a row over two or three arrays, so that the
-compiler can vectorise them; the sums of a disc are always added in the same order.
+rows that are k away from its centre. The innermost loops run along a row over few arrays and
+without a branch, so that the compiler can vectorise them; the sums of a disc are always added in
+the same order.
 """
 
 from __future__ import annotations
