@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from acquisition.commands.arguments import numbers
+from acquisition.commands.arguments import numbers, product
 from acquisition.commands.console import OK, Console, show
 
 if TYPE_CHECKING:
@@ -24,7 +24,14 @@ def add_mount_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe calibrate mount`."""
     add = parser.add_argument
     add("recording", type=Path, metavar="REC.mcap", help="rover at rest, camera sees flat floor")
-    add("-o", "--output", type=Path, required=True, metavar="FILE.toml", help="for rover.toml")
+    add(
+        "-o",
+        "--output",
+        type=product(".toml"),
+        required=True,
+        metavar="FILE.toml",
+        help="a block to put into rover.toml",
+    )
     add(
         "--parent-height-m",
         type=float,
