@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from acquisition.commands.arguments import numbers, product
-from acquisition.commands.console import OK, Console, show
+from acquisition.commands.console import OK, Console, prepare_depth_code, show
 
 if TYPE_CHECKING:
     from acquisition.messages.codec import Recordable
@@ -62,6 +62,7 @@ def run_mount(options: argparse.Namespace, console: Console) -> int:
     from mapping.files import write_whole
 
     check_target(options.output)
+    prepare_depth_code(console)
     with console.progress(f"reading {options.recording}"):
         samples = _samples(options.recording)
     mount = _camera_mount(options, samples)
@@ -75,6 +76,7 @@ def run_track(options: argparse.Namespace, console: Console) -> int:
     from calibration_rigs.mount_rig.track import calibrate_track
     from drivers.samples import WheelTwistSample
 
+    prepare_depth_code(console)
     with console.progress(f"reading {options.recording}"):
         samples = _samples(options.recording)
     twists = [sample for sample in samples if isinstance(sample, WheelTwistSample)]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from acquisition.commands.arguments import numbers, product
-from acquisition.commands.console import OK, Console, show
+from acquisition.commands.console import OK, Console, prepare_depth_code, show
 
 if TYPE_CHECKING:
     from calibration_rigs.static_rig.session import StaticCalibration
@@ -59,6 +59,7 @@ def run_static(options: argparse.Namespace, console: Console) -> int:
     from mapping.files import write_whole
 
     _check_targets(options)
+    prepare_depth_code(console)
     result = join(_parts(options, console))
     device = DeviceIdentity(model=options.model, serial=options.serial)
     result.file = result.file.model_copy(update={"device": device})

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from acquisition.commands.arguments import milliseconds, product
-from acquisition.commands.console import OK, Console, show
+from acquisition.commands.console import OK, Console, prepare_depth_code, show
 
 
 def add_delay_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,6 +43,7 @@ def run_delay(options: argparse.Namespace, console: Console) -> int:
     from mapping.files import write_whole
 
     check_target(options.output)
+    prepare_depth_code(console)
     with console.progress(f"reading {options.recording}"):
         found = calibrate_delays(
             options.recording, options.reference, 1e-3 * options.reference_delay_ms
