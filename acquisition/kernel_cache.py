@@ -21,7 +21,7 @@ def note_use(kernels: Sequence[object]) -> None:
     for kernel in kernels:
         for pair in _indices(kernel):
             if not _is_newer(pair):
-                with contextlib.suppress(PermissionError):
+                with contextlib.suppress(OSError):  # of another user, or on a read-only disk
                     pair[0].touch()
 
 

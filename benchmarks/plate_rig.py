@@ -24,18 +24,16 @@ import argparse
 import json
 import resource
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 from scipy.stats import binom
 
-from acquisition.importing import record_all
+from benchmarks.plate_cells import DEVICES, recorded, seen, shared_noise
 from calibration_rigs.plate_rig.cell import CellResult, analyse
 from calibration_rigs.plate_rig.frames import CellFrames
-from calibration_rigs.plate_rig.manifest import CellEntry, Manifest, Rig
+from calibration_rigs.plate_rig.manifest import CellEntry, Rig
 from calibration_rigs.plate_rig.process import process
 from calibration_rigs.plate_rig.products import noise_model
 from calibration_rigs.plate_rig.report import write_products
@@ -53,7 +51,6 @@ from tests.fakes.plate_rig import (
     ANGLES_DEG,
     STATIONS_M,
     Plate,
-    PlateCamera,
     cropped,
     frames_of,
     true_bias_m,
@@ -63,10 +60,6 @@ from tests.mapping.scenes import looking, mount, plane_z, pose_sample
 
 Float64Array = NDArray[np.float64]
 
-DEVICES = {
-    "kinect": KinectModel(disparity_bias_px=0.05),
-    "quiet": KinectModel(disparity_bias_px=0.05, sigma_disparity_px=0.02, floor_sigma_m=2e-4),
-}
 _TOLD = 0.3
 _RUNS = 8
 
@@ -92,7 +85,7 @@ def main() -> None:
 def rig(options: argparse.Namespace) -> object:
     """Calibrate the whole rig and compare with the truth."""
     model = DEVICES[options.device]
-    manifest = _recorded(options.folder, model, options.frames, STATIONS_M, ANGLES_DEG)
+    manifest = recorded(options.folder, model, options.frames, STATIONS_M, ANGLES_DEG)
     before_s = time.monotonic()
     result = process(manifest, workers=options.workers)
     took_s = time.monotonic() - before_s
@@ -138,38 +131,6 @@ def rig(options: argparse.Namespace) -> object:
     for name, value in row.items():
         print(f"{name:>24} {value:.4g}" if isinstance(value, float) else f"{name:>24} {value}")
     return row
-
-
-def _recorded(
-    folder: Path,
-    model: KinectModel,
-    frames: int,
-    stations_m: Sequence[float],
-    angles_deg: Sequence[float],
-    blur_px: float = 0.0,
-) -> Manifest:
-    """Record what is not there yet."""
-    folder.mkdir(exist_ok=True)
-    random = np.random.default_rng(4)
-    cells = []
-    for z_m in stations_m:
-        for angle in angles_deg:
-            plate = Plate(z_m, angle)
-            path = folder / f"z{10 * z_m:.0f}_a{angle:.0f}.mcap"
-            cells.append(
-                CellEntry(
-                    recording=path.name,
-                    distance_m=z_m,
-                    angle_deg=angle,
-                    corners_m=plate.corners_m(random),
-                    lux=300.0,
-                    temperature_c=21.0,
-                )
-            )
-            if not path.exists():
-                camera = PlateCamera(_seen(plate, frames, model, blur_px), kinect_640())
-                record_all(camera, path, static_transforms=[], settings={})
-    return Manifest(folder, Rig(), tuple(cells))
 
 
 def coverage(options: argparse.Namespace) -> object:
@@ -233,34 +194,9 @@ def column(options: argparse.Namespace) -> object:
 
 def _shared_noise_cell(blur_px: float) -> CellResult:
     """Return a cell at 3 m whose disparity noise is the Kinect's, shared by neighbours."""
-    frames = _seen(Plate(3.0, 15.0), 20, KinectModel(floor_sigma_m=0.0), blur_px)
+    frames = seen(Plate(3.0, 15.0), 20, KinectModel(floor_sigma_m=0.0), blur_px)
     cell = CellEntry(recording="x", distance_m=3.0, angle_deg=15.0)
     return analyse(CellFrames(frames, kinect_640(), DeviceIdentity(), ""), cell, Rig()).result
-
-
-def _seen(plate: Plate, count: int, model: KinectModel, blur_px: float) -> NDArray[np.uint16]:
-    """Return frames of a plate; blurred noise if asked for, else the simulated Kinect's own."""
-    if not blur_px:
-        return frames_of(plate, count, 7, model)
-    random = np.random.default_rng([7, round(1000 * plate.z_m), round(plate.angle_deg)])
-    view = plate.view(kinect_640())
-    return np.stack([_shared_noise(view.z_m, model, blur_px, random) for _ in range(count)])
-
-
-def _shared_noise(
-    z_m: Float64Array, model: KinectModel, blur_px: float, random: np.random.Generator
-) -> NDArray[np.uint16]:
-    """Return a Kinect's readings whose disparity noise is alike over 4 pi blur^2 pixels."""
-    there = z_m > 0.0
-    z = np.where(there, z_m, 1.0)
-    noise = gaussian_filter(random.standard_normal(z.shape), blur_px)
-    noise *= model.sigma_disparity_px / noise.std()
-    disparity = model.disparity_px_m / z + model.disparity_bias_px + noise
-    steps = np.maximum(np.rint(disparity / model.disparity_step_px), 1.0)
-    reading = model.disparity_px_m / (steps * model.disparity_step_px)
-    reading += model.floor_sigma_m * random.standard_normal(z.shape)
-    inside = there & (reading >= model.range_min_m) & (reading <= model.range_max_m)
-    return np.where(inside, np.rint(1e3 * reading), 0.0).astype(np.uint16)
 
 
 def mapping(options: argparse.Namespace) -> object:
@@ -275,7 +211,7 @@ def mapping(options: argparse.Namespace) -> object:
     for kind, blur_px in (("shared 2 px", 0.4), ("shared 42 px", 1.83)):
         folder = options.folder / kind.replace(" ", "_")
         folder.mkdir(parents=True, exist_ok=True)
-        manifest = _recorded(folder, device, 12, stations_m, (0.0, 30.0, 60.0), blur_px)
+        manifest = recorded(folder, device, 12, stations_m, (0.0, 30.0, 60.0), blur_px)
         own = noise_model(process(manifest))
         for name, noise in (("nguyen2012", NGUYEN_2012), ("kinect-v1", KINECT_V1), ("own", own)):
             zero_m = manifest.rig.tape_zero_sigma_m if name == "own" else 0.0
@@ -318,7 +254,7 @@ def _floor_errors(
         for k in range(6):
             rotation = looking(10.0 * k, 30.0)
             z_m = plane_z(camera, rotation, (0.0, 0.0, 1.0), -0.8)
-            depth = _shared_noise(z_m, device, blur_px, random)
+            depth = shared_noise(z_m, device, blur_px, random)
             mapper.add(pose_sample(k * 10**8, (0.05 * k, 0.0, 0.8), rotation))
             mapper.add(DepthFrame(k * 10**8, depth, camera, k))
         map_ = mapper.elevation_map()

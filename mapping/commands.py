@@ -15,7 +15,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from acquisition.commands.arguments import product, seconds
-from acquisition.commands.console import CHECK_FAILED, OK, Console, show
+from acquisition.commands.console import (
+    CHECK_FAILED,
+    OK,
+    Console,
+    prepare_depth_code,
+    show,
+)
 from mapping.poses.settings import PoseSourceName, TiltSource
 
 if TYPE_CHECKING:
@@ -114,6 +120,7 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
     _tell_of_other_parts(options.recording, console)
     with _byte_source(options) as source:
         prepare_kernels(console)
+        prepare_depth_code(console)
         reader = StreamReader(source, reorder_window_ns=round(options.reorder_window_s * 1e9))
         with console.progress(f"mapping {options.recording}") as reached:
             result = map_stream(reader, map_options, frame_counter(reached))
@@ -286,8 +293,6 @@ def add_warmup_arguments(_: argparse.ArgumentParser) -> None:
 
 def run_warmup(_: argparse.Namespace, console: Console) -> int:
     """Compile the kernels now, not at the first frame."""
-    from acquisition.commands.console import prepare_depth_code
-
     prepare_kernels(console)
     prepare_depth_code(console)
     console.lines(["the mapping kernels and the code for depth images are compiled and cached"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from acquisition.commands.console import OK, Console, show
+from acquisition.commands.console import OK, Console, prepare_depth_code, show
 
 
 def add_odometry_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,6 +54,7 @@ def run_odometry(options: argparse.Namespace, console: Console) -> int:
     refuse_same_file(options.recording, options.output)
     if options.method == "filter":
         prepare_filter(console)
+    prepare_depth_code(console)
     if options.method == "paper2019":
         console.note(f"warning: {WARNING}")
     with (
@@ -111,6 +112,7 @@ def compare_trajectories(options: argparse.Namespace, console: Console) -> int:
         raise MappingError(
             "--truth, --floor-height-m, --box and --trajectory are for maps; leave them out"
         )
+    prepare_depth_code(console)
     estimate, truth = (read_path(Path(name)) for name in options.subject[1:])
     scores = evaluate_odometry(estimate, truth, options.align or "start")
     if options.figures:

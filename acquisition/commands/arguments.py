@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 
 
@@ -34,6 +34,17 @@ def seconds(text: str) -> float:
         value = -1.0
     if not 0.0 <= value <= 1e9:  # NaN too
         raise argparse.ArgumentTypeError(f"found {text!r}, expected seconds, 0 or more")
+    return value
+
+
+def milliseconds(text: str) -> float:
+    """Parse a time lag that may be of either sign: a minute at most."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = inf
+    if not -6e4 <= value <= 6e4:  # NaN too
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected milliseconds, to 60000")
     return value
 
 

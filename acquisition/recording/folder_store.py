@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from pathlib import Path
 from acquisition.errors import OutputEndedError, StreamError
 from acquisition.recording.disk_sync import DiskSync
 from acquisition.stream.open_part import NO_LIMITS, PartLimits
-from acquisition.stream.parts import part_path
+from acquisition.stream.parts import part_path, parts_of
 
 MB = 1_000_000
 
@@ -55,8 +55,15 @@ class FolderStore:
     """
 
     def __init__(self, path: Path, settings: DiskSettings, free: Callable[[Path], int]) -> None:
+        """Create nothing yet.
+
+        Raises:
+            StreamError: a name that the recording will need is taken.
+        """
         self.files: list[Path] = []
         self.left: list[str] = []
+        if settings.limits != NO_LIMITS or settings.fallback_folders:
+            _refuse_older_parts(path, settings.fallback_folders)
         self.sync = DiskSync(settings.sync_interval_s)
         self._path = path
         self._folders = [path.parent, *settings.fallback_folders]
@@ -68,21 +75,25 @@ class FolderStore:
         return self._free(self._folders[0])
 
     def next_output(self) -> Path:
-        """Create the next part in the first folder with room; see `PartStore`."""
-        while problem := self.problem():
+        """Create the next part in the first folder that takes it; see `PartStore`."""
+        name = part_path(self._path, len(self.files)).name
+        while problem := self.problem() or self._refusal(name):
             self._leave(problem)
-        number = len(self.files)
-        name = part_path(self._path, number).name
+        path = self._folders[0] / name
+        self.files.append(path)
+        self.sync.follow(path)
+        return path
+
+    def _refusal(self, name: str) -> str:
+        """Create a file in the folder in use; return why that is not possible, or ""."""
         path = self._folders[0] / name
         try:
             path.touch(exist_ok=False)
         except FileExistsError:
             raise StreamError(f"{path} exists already; give the recording another name") from None
         except OSError as error:
-            raise StreamError(f"cannot write {path}: {error.strerror}") from error
-        self.files.append(path)
-        self.sync.follow(path)
-        return path
+            return f"cannot write {path}: {error.strerror}"
+        return ""
 
     def problem(self) -> str:
         """Return why nothing more can go into the folder in use, or ""."""
@@ -120,3 +131,12 @@ class FolderStore:
                 "a fallback folder"
             )
         del self._folders[0]
+
+
+def _refuse_older_parts(path: Path, fallback_folders: Sequence[Path]) -> None:
+    """Find out now, not at the first split, that an older recording has the name."""
+    try:
+        older = parts_of(path, fallback_folders)[0]
+    except StreamError:
+        return
+    raise StreamError(f"{older} exists already; give the recording another name")

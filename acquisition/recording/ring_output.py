@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -95,8 +96,9 @@ class _MemoryStore:
 class RingOutput:
     """Keeps the last seconds in memory; `trigger` has them written as NAME_snap000.mcap, ...
 
-    Each snapshot is a recording in parts. What one holds is not in the next, so that snapshots
-    in quick succession follow each other without overlap.
+    The numbers go on behind those that are there. Each snapshot is a recording in parts. What one
+    holds is not in the next, so that snapshots in quick succession follow each other without
+    overlap.
     """
 
     def __init__(
@@ -118,6 +120,7 @@ class RingOutput:
         self._free = free
         self._store = _MemoryStore(settings)
         self._writer: SplitWriter | None = None
+        self._next_number = 0
         self._triggered = Event()
         self._snapshots: list[Future[list[Path]]] = []
         # A disk may take longer for a snapshot than the queues last.
@@ -129,6 +132,8 @@ class RingOutput:
 
     def start(self, head: Head) -> None:
         """See `RecordingOutput`."""
+        # A snapshot whose name is taken would be lost: what it holds has left the ring.
+        self._next_number = _number_behind_all(self._path)
         self._writer = SplitWriter(self._store, head, self._settings.part_limits)
 
     def write(self, items: Sequence[Stamped]) -> None:
@@ -138,7 +143,8 @@ class RingOutput:
         if self._triggered.is_set():
             self._triggered.clear()
             writer.begin_part()
-            number = len(self._snapshots)
+            number = self._next_number
+            self._next_number += 1
             parts = self._store.take()
             self._snapshots.append(self._background.submit(self._write_snapshot, number, parts))
 
@@ -197,6 +203,13 @@ class RingOutput:
         """
         self._background.shutdown()
         return tuple(path for future in self._snapshots for path in future.result())
+
+
+def _number_behind_all(path: Path) -> int:
+    """Return the number of the next snapshot: behind those of older recordings of that name."""
+    pattern = re.compile(rf"{re.escape(path.stem)}_snap(\d+)(?:_\d+)?{re.escape(path.suffix)}")
+    matches = (pattern.fullmatch(file.name) for file in path.parent.glob(f"*{path.suffix}"))
+    return max((int(match[1]) + 1 for match in matches if match), default=0)
 
 
 def _write_file(path: Path, data: bytes) -> None:

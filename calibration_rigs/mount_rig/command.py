@@ -10,8 +10,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from acquisition.commands.arguments import numbers
-from acquisition.commands.console import OK, Console, show
+from acquisition.commands.arguments import numbers, product
+from acquisition.commands.console import OK, Console, prepare_depth_code, show
 
 if TYPE_CHECKING:
     from acquisition.messages.codec import Recordable
@@ -24,7 +24,14 @@ def add_mount_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe calibrate mount`."""
     add = parser.add_argument
     add("recording", type=Path, metavar="REC.mcap", help="rover at rest, camera sees flat floor")
-    add("-o", "--output", type=Path, required=True, metavar="FILE.toml", help="for rover.toml")
+    add(
+        "-o",
+        "--output",
+        type=product(".toml"),
+        required=True,
+        metavar="FILE.toml",
+        help="a block to put into rover.toml",
+    )
     add(
         "--parent-height-m",
         type=float,
@@ -55,6 +62,7 @@ def run_mount(options: argparse.Namespace, console: Console) -> int:
     from mapping.files import write_whole
 
     check_target(options.output)
+    prepare_depth_code(console)
     with console.progress(f"reading {options.recording}"):
         samples = _samples(options.recording)
     mount = _camera_mount(options, samples)
@@ -68,6 +76,7 @@ def run_track(options: argparse.Namespace, console: Console) -> int:
     from calibration_rigs.mount_rig.track import calibrate_track
     from drivers.samples import WheelTwistSample, YawRateSample
 
+    prepare_depth_code(console)
     with console.progress(f"reading {options.recording}"):
         samples = _samples(options.recording)
     twists = [sample for sample in samples if isinstance(sample, WheelTwistSample)]

@@ -10,7 +10,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from acquisition.commands.console import CHECK_FAILED, OK, Console, show
+from acquisition.commands.console import CHECK_FAILED, OK, Console, prepare_depth_code, show
 
 if TYPE_CHECKING:
     from calibration_rigs.plate_rig.manifest import Manifest
@@ -56,6 +56,7 @@ def _process(options: argparse.Namespace, manifest: Manifest, console: Console) 
 
     folder = options.output or manifest.folder
     workers = options.workers or min(_WORKERS_AT_MOST, os.cpu_count() or 1)
+    prepare_depth_code(console)  # here, not in every process at work
     with console.progress(f"calibrating on {len(manifest.cells)} cells") as reached:
         result = process(manifest, reached, workers)
         reached("drawing")

@@ -10,13 +10,10 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from acquisition.commands.arguments import numbers
-from acquisition.commands.console import OK, Console, show
+from acquisition.commands.arguments import numbers, product
+from acquisition.commands.console import OK, Console, prepare_depth_code, show
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibration_rigs.static_rig.deviations import AtRest
     from calibration_rigs.static_rig.session import StaticCalibration
 
 _STANDARD_GRAVITY_M_S2 = 9.80665
@@ -44,11 +41,11 @@ def add_static_arguments(parser: argparse.ArgumentParser) -> None:
     add("--shaker", type=Path, metavar="TABLE.csv", help="sensor beside reference, by frequency")
     add("--model", default="", metavar="NAME", help="of the device")
     add("--serial", default="", metavar="NUMBER", help="of the device")
-    add("-o", "--output", type=Path, required=True, metavar="FILE.json")
-    add("--figure", type=Path, metavar="FILE.png", help="draw the Allan deviations")
+    add("-o", "--output", type=product(".json"), required=True, metavar="FILE.json")
+    add("--figure", type=product(".png"), metavar="FILE.png", help="draw the Allan deviations")
     add(
         "--deviations",
-        type=Path,
+        type=product(".csv"),
         metavar="FILE.csv",
         help="write adev, oadev, mdev, hdev and tdev of every signal at rest",
     )
@@ -57,14 +54,12 @@ def add_static_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_static(options: argparse.Namespace, console: Console) -> int:
     """Make the calibrations that recordings were given for, join them, write one file."""
-    from acquisition.files import check_target
     from calibration_rigs.static_rig.session import join
     from mapping.calibration_file import DeviceIdentity
     from mapping.files import write_whole
 
-    check_target(options.output)
-    if options.figure is not None:
-        check_target(options.figure)
+    _check_targets(options)
+    prepare_depth_code(console)
     result = join(_parts(options, console))
     device = DeviceIdentity(model=options.model, serial=options.serial)
     result.file = result.file.model_copy(update={"device": device})
@@ -73,20 +68,27 @@ def run_static(options: argparse.Namespace, console: Console) -> int:
 
         draw_curves(result.curves, options.figure)
     if options.deviations is not None:
-        _write_deviations(result.at_rest, options.deviations)
+        from calibration_rigs.static_rig.deviations import deviations_csv
+
+        write_whole(options.deviations, deviations_csv(result.at_rest).encode())
     write_whole(options.output, result.file.to_json().encode())
     show(console, result, as_json=options.json)
     return OK
 
 
-def _write_deviations(signals: Mapping[str, AtRest], path: Path) -> None:
+def _check_targets(options: argparse.Namespace) -> None:
+    """Refuse what cannot be written, or not be filled, before hours of recordings are read."""
+    from acquisition.files import check_target, refuse_same_file
     from calibration_rigs.errors import RigError
-    from calibration_rigs.static_rig.deviations import deviations_csv
-    from mapping.files import write_whole
 
-    if not signals:
-        raise RigError("no signal to take deviations of; give a recording at rest (--rest)")
-    write_whole(path, deviations_csv(signals).encode())
+    for target in (options.output, options.figure, options.deviations):
+        if target is not None:
+            check_target(target)
+    for option in ("figure", "deviations"):
+        if getattr(options, option) is not None and options.rest is None:
+            raise RigError(f"--{option} is of signals at rest; give --rest REC.mcap, or leave it")
+    if options.shaker is not None and options.deviations is not None:
+        refuse_same_file(options.shaker, options.deviations)
 
 
 def _parts(options: argparse.Namespace, console: Console) -> list[StaticCalibration]:

@@ -30,6 +30,8 @@ _PIECE_S = 1.0
 _PIECES_AT_LEAST = 10
 _CORRELATION_AT_LEAST = 0.8
 _STEPS_AT_MOST = 20
+# A sensor that says nothing else all the time has nothing but rounding left.
+_STILL_RAD_S = 1e-9
 _THREE_SIGMA = 0.99865
 
 
@@ -78,6 +80,11 @@ def relative_delay(reference: YawRate, other: YawRate) -> Delay:
     wide = np.arange(first, last, _STEP_S)
     a = CubicSpline(wide, _smooth(reference, wide))
     b = np.interp(grid, wide, _smooth(other, wide))
+    if min(float(np.std(a(grid))), float(np.std(b))) < _STILL_RAD_S:
+        raise RigError(
+            "one of them tells the same rate all the time; expected the rover to be turned to and "
+            "fro by hand, and wheels that turn with it"
+        )
     delay_s = _coarse(a, b, grid)
     for _ in range(_STEPS_AT_MOST):
         step_s, _, _, _ = _match(a, b, grid, delay_s)

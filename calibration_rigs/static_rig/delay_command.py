@@ -5,14 +5,22 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from acquisition.commands.console import OK, Console, show
+from acquisition.commands.arguments import milliseconds, product
+from acquisition.commands.console import OK, Console, prepare_depth_code, show
 
 
 def add_delay_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe calibrate delay`."""
     add = parser.add_argument
     add("recording", type=Path, metavar="REC.mcap", help="rover turned to and fro by hand")
-    add("-o", "--output", type=Path, required=True, metavar="FILE.toml", help="for rover.toml")
+    add(
+        "-o",
+        "--output",
+        type=product(".toml"),
+        required=True,
+        metavar="FILE.toml",
+        help="a block to put into rover.toml",
+    )
     add(
         "--reference",
         choices=("mocap", "gyro", "wheels"),
@@ -20,7 +28,7 @@ def add_delay_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add(
         "--reference-delay-ms",
-        type=float,
+        type=milliseconds,
         default=0.0,
         metavar="MS",
         help="by how much the reference's own stamps are late (0)",
@@ -35,6 +43,7 @@ def run_delay(options: argparse.Namespace, console: Console) -> int:
     from mapping.files import write_whole
 
     check_target(options.output)
+    prepare_depth_code(console)
     with console.progress(f"reading {options.recording}"):
         found = calibrate_delays(
             options.recording, options.reference, 1e-3 * options.reference_delay_ms

@@ -43,7 +43,7 @@ class DelayCalibration:
             f"# stamps are taken to be {1e3 * self.reference_delay_s:g} ms late",
             "[map.ego_motion]",
         ]
-        if self.reference in _KEYS:
+        if self.reference in _KEYS and self.reference_delay_s >= 0.0:
             lines.append(f"{_KEYS[self.reference]} = {self.reference_delay_s:.6f}")
         for name, delay in self.delays.items():
             total_s = self._total_s(delay)

@@ -14,6 +14,7 @@ import allantools
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration_rigs.errors import RigError
 from calibration_rigs.static_rig.allan import averaging_times_s, require_signal
 
 Float64Array = NDArray[np.float64]
@@ -59,7 +60,13 @@ def deviation(
 
 
 def deviations_csv(signals: Mapping[str, AtRest]) -> str:
-    """Return a table of every deviation of every signal, one value a line."""
+    """Return a table of every deviation of every signal, one value a line.
+
+    Raises:
+        RigError: there is no signal, or one is too short.
+    """
+    if not signals:
+        raise RigError("no signal to take deviations of; give a recording at rest (--rest)")
     lines = ["signal,deviation,tau_s,value"]
     for name, signal in signals.items():
         for kind in KINDS:

@@ -259,3 +259,38 @@ def test_a_place_that_fails_right_behind_the_head_is_left_as_well(tmp_path: Path
     with files_may_grow_to(head_bytes - 1), pytest.raises(OutputEndedError, match="too large"):
         output.start(head())
     assert output.close() == ()
+
+
+@pytest.mark.parametrize("where", ["", "stick"])
+def test_a_name_whose_second_part_is_taken_is_refused_at_the_start(
+    tmp_path: Path, where: str
+) -> None:
+    (tmp_path / "stick").mkdir()
+    old = tmp_path / where / "r_001.mcap"
+    old.write_bytes(b"precious")
+    output = DiskOutput(tmp_path / "r.mcap", settings(PartLimits(size_bytes=3000), old.parent))
+    with pytest.raises(StreamError, match=r"r_001.mcap exists already; give .* another name"):
+        output.start(head())
+    assert sorted(tmp_path.rglob("*.mcap")) == [old]
+    assert old.read_bytes() == b"precious"
+    recorded(tmp_path / "r.mcap", NO_LIMITS)  # which needs no second part
+
+
+def test_a_folder_that_takes_no_file_is_left_for_the_next(tmp_path: Path) -> None:
+    """A disk that the system made read-only, say."""
+    folders = tmp_path / "refuses", tmp_path / "stick"
+    folders[1].mkdir()
+    free = iter([10])
+    output = DiskOutput(
+        tmp_path / "r.mcap",
+        settings(NO_LIMITS, *folders, reserve=6),
+        free=lambda f: next(free, 10 * (f in folders)),
+    )
+    output.start(head())
+    output.write(stamped(SAMPLES[:10]))
+    output.tend()
+    output.write(stamped(SAMPLES[10:]))
+    assert "refuses/r_001.mcap: No such file" in " ".join(output.state().warnings)
+    files = output.close()
+    assert files == (tmp_path / "r.mcap", folders[1] / "r_001.mcap")
+    assert len(content_of(files)) == len(SAMPLES)

@@ -94,15 +94,22 @@ def test_a_snapshot_that_does_not_fit_is_told_and_the_ring_goes_on(tmp_path: Pat
 
 
 def test_an_older_snapshot_is_not_overwritten(tmp_path: Path) -> None:
-    old = tmp_path / "r_snap000.mcap"
+    """Nor is a new one lost to it: the numbers go on behind it."""
+    old = tmp_path / "r_snap006_001.mcap"
     old.write_bytes(b"precious")
+    (tmp_path / "r_snap.mcap").touch()
     ring = started(tmp_path / "r.mcap", RingSettings(2 * S, reserve_bytes=0))
-    fill(ring, MANY[:100])
-    ring.trigger()
-    ring.write([])
+    taken = tmp_path / "r_snap008.mcap"
+    taken.write_bytes(b"by another program")
+    for _ in range(2):
+        fill(ring, MANY[:100])
+        ring.trigger()
+        ring.write([])
     with pytest.raises(StreamError, match="exists already"):
         ring.close()
     assert old.read_bytes() == b"precious"
+    assert taken.read_bytes() == b"by another program"
+    assert snapshot(tmp_path / "r_snap007.mcap")
 
 
 def test_it_does_not_write_before_it_was_started(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import struct
 from dataclasses import replace
@@ -15,6 +16,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
+import cli
+from acquisition import kernel_cache
 from acquisition.commands.console import Console, prepare_depth_code
 from acquisition.editing.cut_and_merge import cut
 from acquisition.errors import StreamError
@@ -180,6 +183,19 @@ class Notes:
         self.told.append(text)
 
 
+def test_a_read_only_installation_is_used_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    refused = []
+
+    def touch(path: Path) -> None:
+        refused.append(path)
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(kernel_cache, "_is_newer", lambda _: False)
+    monkeypatch.setattr(Path, "touch", touch)
+    depth_rvl.prepare_rvl()
+    assert len(refused) >= 2
+
+
 def test_only_the_first_use_compiles_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     console = Notes()
     monkeypatch.setattr(depth_rvl, "are_cached", lambda _: False)
@@ -193,3 +209,29 @@ def test_only_the_first_use_compiles_and_says_so(monkeypatch: pytest.MonkeyPatch
     decoded(message_of(frame_of(np.ones((3, 4), np.uint16))))
     # What was prepared is what is used: nothing is compiled for other types of arguments.
     assert [len(kernel.signatures) for kernel in (pack, unpack)] == [1, 1]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["map", "R", "-o", "map.nc"],
+        ["odometry", "R", "-o", "way.nc", "--method", "paper2019"],
+        ["evaluate", "odometry", "R", "R"],
+        ["calibrate", "mount", "R", "-o", "mount.toml"],
+        ["calibrate", "track", "R", "--turns-deg", "90"],
+        ["calibrate", "static", "--rest", "R", "-o", "static.json"],
+        ["calibrate", "delay", "R", "-o", "delay.toml"],
+    ],
+)
+def test_whoever_reads_images_first_compiles_and_says_so(
+    words: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Before the recording is read, which is none here."""
+    monkeypatch.setattr(depth_rvl, "are_cached", lambda _: False)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run.mcap").write_bytes(b"no recording")
+    assert cli.main(["run.mcap" if word == "R" else word for word in words]) == 2
+    assert capsys.readouterr().err.count("compiling the code for depth images") == 1

@@ -15,6 +15,7 @@ import cli
 from acquisition.importing import record_all
 from calibration_rigs.errors import RigError
 from calibration_rigs.static_rig.delay import YawRate, relative_delay
+from calibration_rigs.static_rig.delay_session import DelayCalibration
 from drivers.samples import PoseSample, Sample, WheelTwistSample, YawRateSample, frozen_array
 from drivers.source import SourceInfo
 from mapping.ego_motion.settings import EgoMotionSettings
@@ -90,6 +91,11 @@ def test_what_says_nothing_is_refused() -> None:
     still = YawRate(b.t_s, 0.01 * random.standard_normal(b.t_s.size))
     with pytest.raises(RigError, match="agree to a correlation of 0"):
         relative_delay(a, still)
+    for rate_rad_s in (0.0, 0.1):
+        stuck = YawRate(b.t_s, np.full(b.t_s.size, rate_rad_s))
+        for pair in ((a, stuck), (stuck, a)):
+            with pytest.raises(RigError, match="the same rate all the time"):
+                relative_delay(*pair)
     late = YawRate(b.t_s + 100.0, b.rate_rad_s)
     with pytest.raises(RigError, match=r"overlap for 0\.0 s"):
         relative_delay(a, late)
@@ -145,6 +151,19 @@ def test_a_sensor_that_is_early_gets_a_warning_and_no_line(
     assert cli.main(["calibrate", "delay", str(recording), "-o", str(output)]) == 0
     assert "warning: gyro is earlier than the reference" in capsys.readouterr().out
     assert set(tomllib.loads(output.read_text())["map"]["ego_motion"]) == {"wheels_delay_s"}
+
+
+@pytest.mark.parametrize("late_ms", ["nan", "1e9", "late"])
+def test_a_lag_that_is_none_is_refused(late_ms: str, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["calibrate", "delay", "a.mcap", "-o", "a.toml", f"--reference-delay-ms={late_ms}"]
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(words)
+    assert "expected milliseconds" in capsys.readouterr().err
+
+
+def test_a_reference_that_is_early_gets_no_line_that_ego_motion_refuses() -> None:
+    found = DelayCalibration("gyro", -0.001, {}, "turns.mcap")
+    assert tomllib.loads(found.toml())["map"]["ego_motion"] == {}
 
 
 def test_one_sensor_is_not_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

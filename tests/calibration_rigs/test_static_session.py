@@ -193,7 +193,16 @@ def test_the_command_writes_the_file_and_the_figure(
 
 
 @pytest.mark.parametrize(
-    "words", [[], ["--turns", "x.mcap"], ["--rest", "/nonexistent.mcap"], ["--shaker", "/none.csv"]]
+    "words",
+    [
+        [],
+        ["--turns", "x.mcap"],
+        ["--rest", "/nonexistent.mcap"],
+        ["--shaker", "/none.csv"],
+        ["--shaker", "/none.csv", "--deviations", "/none.csv"],
+        ["--shaker", "/none.csv", "--deviations", "d.csv"],
+        ["--rest", "/nonexistent.mcap", "--deviations", "/none/d.csv"],
+    ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]
@@ -202,3 +211,25 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert cli.main(["calibrate", "static", "-o", str(output), *words]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
     assert not output.exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["delay", "R", "-o", "R"],
+        ["mount", "R", "-o", "R"],
+        ["static", "--rest", "R", "-o", "R"],
+        ["static", "--rest", "R", "-o", "a.json", "--deviations", "R"],
+        ["static", "--rest", "R", "-o", "a.json", "--figure", "R"],
+    ],
+)
+def test_no_calibration_takes_the_place_of_its_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    recording = tmp_path / "rest.mcap"
+    recording.write_bytes(b"hours of work")
+    given = [str(recording) if word == "R" else word for word in words]
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(["calibrate", *given])
+    assert "expected a name ending in" in capsys.readouterr().err
+    assert recording.read_bytes() == b"hours of work"
