@@ -155,8 +155,11 @@ def _with_accelerometer(
             f"force_scale_{axis}": scale.value
             for axis, scale in zip(axes, found.scale, strict=True)
         }
-    for name, angle in zip(("xy", "xz", "yz"), found.crooked_rad or (), strict=False):
-        changes[f"force_crooked_{name}_rad"] = angle
+    if found.crooked_rad is not None:
+        xy, xz, yz = found.crooked_rad
+        changes["force_crooked_xy_rad"] = xy
+        changes["force_crooked_xz_rad"] = -xz  # the file has T's entry, the settings minus it
+        changes["force_crooked_yz_rad"] = yz
     return replace(settings, **changes)  # type: ignore[arg-type] # none of them is the bool
 
 
