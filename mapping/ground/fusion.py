@@ -32,6 +32,9 @@ from mapping.ground.fusion_kernels import (
     Surface,
     choose_blocks,
     integrate,
+    load_surface,
+    mean_height,
+    over_blocks,
 )
 from mapping.judging.evaluation import CONFIRMED
 
@@ -40,8 +43,6 @@ Float64Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _TABLE_SIZE = 257
-# How the layers of a `Surface` are put together over a block, and what they are outside.
-_COMBINED = ((np.add, 0.0),) * 3 + ((np.minimum, np.inf), (np.maximum, -np.inf))
 _WHOLE = (slice(None), slice(None))
 
 
@@ -76,17 +77,17 @@ def fuse_map(map_: ElevationMap, window: tuple[slice, slice] = _WHOLE) -> FusedM
     use = np.isfinite(map_.elevation_m) & np.isfinite(map_.variance_m2)
     use &= (map_.state == CONFIRMED[0]) | (map_.state == CONFIRMED[1])
     places = _places(map_, window, use)
-    level_m = float(map_.elevation_m[use].mean(dtype=np.float64)) if use.any() else 0.0
-    surface = _surface(map_, use, level_m)
-    for block in _sizes(places.blocks):
-        margin = _margin(places, block)
-        blocks = Surface(
-            *(
-                _over_blocks(layer, block, margin, combine, elsewhere)
-                for layer, (combine, elsewhere) in zip(surface, _COMBINED, strict=True)
-            )
-        )
-        integrate(blocks, places, (row + margin, column + margin), block, level_m, _NARROW, out)
+    level_m = mean_height(map_.elevation_m, use)
+    sizes = _sizes(places.blocks)
+    margin = max((_margin(places, block) for block in sizes), default=0)
+    surface = _surface(map_, use, level_m, margin)
+    first = row + margin, column + margin
+    for block in sizes:
+        blocks = surface
+        if block > 1:
+            blocks = _empty(surface.share.shape)
+            over_blocks(surface, block, blocks)
+        integrate(blocks, places, first, block, level_m, _NARROW, out)
     return FusedMap(*out)
 
 
@@ -121,37 +122,23 @@ def _margin(places: Places, block: int) -> int:
     return int(REACH_SIGMA * widest**0.5) + 3 * block
 
 
-def _surface(map_: ElevationMap, use: BoolArray, level_m: float) -> Surface:
-    """Return what is integrated, at every cell, without a margin."""
-    vertical = np.maximum(map_.variance_m2 - map_.horizontal_m2, np.float32(0.0))
-    bound = np.float32(3.0) * np.sqrt(vertical)
-    height = np.where(use, map_.elevation_m.astype(np.float64) - level_m, 0.0)
-    return Surface(
-        use.astype(np.float64),
-        height,
-        np.where(use, height * height + vertical, 0.0),
-        np.where(use, (map_.elevation_m - bound).astype(np.float64), np.inf),
-        np.where(use, (map_.elevation_m + bound).astype(np.float64), -np.inf),
-    )
-
-
-def _over_blocks(
-    layer: Float64Array, block: int, margin: int, combine: np.ufunc, elsewhere: float
-) -> Float64Array:
-    """Return what the block around every cell holds together, with a margin.
+def _surface(map_: ElevationMap, use: BoolArray, level_m: float, margin: int) -> Surface:
+    """Return what is integrated, at every cell.
 
     The margin is wider on the right: cells are worked on in chunks.
     """
-    rows, columns = layer.shape
-    wide = np.full((rows + 2 * margin, columns + 2 * margin + CHUNK), elsewhere)
-    wide[margin : margin + rows, margin : margin + columns] = layer
-    cells = wide.reshape(-1)  # what goes beyond a row's end comes from the margin
-    for step in (1, wide.shape[1]):
-        plain = cells.copy() if block > 1 else cells
-        for away in range(step, block // 2 * step + 1, step):
-            combine(cells[away:], plain[:-away], out=cells[away:])
-            combine(cells[:-away], plain[away:], out=cells[:-away])
-    return wide
+    rows, columns = use.shape
+    surface = _empty((rows + 2 * margin, columns + 2 * margin + CHUNK))
+    layers = map_.elevation_m, map_.variance_m2, map_.horizontal_m2
+    load_surface(*layers, use, level_m, margin, surface)
+    return surface
+
+
+def _empty(shape: tuple[int, ...]) -> Surface:
+    """Return a surface of which no cell counts."""
+    return Surface(
+        *(np.full(shape, value, np.float32) for value in (0.0, 0.0, 0.0, np.inf, -np.inf))
+    )
 
 
 def narrow_table() -> Float64Array:

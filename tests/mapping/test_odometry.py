@@ -166,9 +166,16 @@ def test_the_papers_way_is_a_point_and_says_so(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     estimate = str(tmp_path / "est.tum")
-    assert cli.main(["odometry", str(recording), "-o", estimate, "--method", "paper2019"]) == 0
-    assert "no velocity state" in capsys.readouterr().err
+    words = ["odometry", str(recording), "-o", estimate, "--method", "paper2019", "--json"]
+    assert cli.main(words) == 0
+    told = capsys.readouterr()
+    assert "no velocity state" in told.err
     found = read_path(tmp_path / "est.tum")
+    said = json.loads(told.out)
+    assert said["output"] == estimate
+    assert said["poses"] == len(found.t_ns)
+    assert said["end_m"] == pytest.approx(found.position_m[-1].tolist(), abs=1e-6)
+    assert said["duration_s"] == pytest.approx((found.t_ns[-1] - found.t_ns[0]) * 1e-9, abs=1e-6)
     assert np.abs(found.position_m).max() < 0.01
 
 
