@@ -89,6 +89,17 @@ def test_the_file_of_another_device_is_refused() -> None:
         calibrated(DEFAULT, DEVICES, {"gyro.json": gyro_file("G2")}, None)
 
 
+def test_of_recorded_files_the_device_s_own_is_taken() -> None:
+    """A gyro that has accelerations too, beside the accelerometer."""
+    both = gyro_file() | {"accelerometer": {"bias_m_s2": [number(9.0)] * 3}}
+    files = {"both.json": both, "force.json": force_file()}
+    found = calibrated(DEFAULT, DEVICES, files, None)
+    assert found.settings.force_zero_x_m_s2 == 0.1
+    assert [note.rsplit(" ", 1)[1] for note in found.notes] == ["G1", "A1"]
+    with pytest.raises(MappingError, match="has 2 calibrations of accelerometer A1; give --cal"):
+        calibrated(DEFAULT, DEVICES, files | {"again.json": force_file()}, None)
+
+
 def test_readings_are_corrected_as_the_rig_defines_it() -> None:
     recorded = {"gyro.json": gyro_file(), "force.json": force_file()}
     settings = calibrated(DEFAULT, DEVICES, recorded, None).settings
