@@ -108,9 +108,11 @@ def compare_trajectories(options: argparse.Namespace, console: Console) -> int:
             f"odometry with {len(options.subject) - 1} files; expected EST and TRUTH: TUM files, "
             ".nc files, or a recording with motion capture as TRUTH"
         )
-    if options.truth or options.floor_height_m is not None or options.box or options.trajectory:
+    of_maps = (options.truth, options.box, options.trajectory, options.origin)
+    if any(of_maps) or options.floor_height_m is not None:
         raise MappingError(
-            "--truth, --floor-height-m, --box and --trajectory are for maps; leave them out"
+            "--truth, --floor-height-m, --box, --trajectory and --origin are for maps; leave them "
+            "out"
         )
     prepare_depth_code(console)
     estimate, truth = (read_path(Path(name)) for name in options.subject[1:])

@@ -192,6 +192,7 @@ def test_recorded_poses_count_when_they_are_asked_for(recording: Path, tmp_path:
     ("arguments", "message"),
     [
         (["evaluate", "odometry", "a.tum"], "expected EST and TRUTH"),
+        (["evaluate", "odometry", "a.tum", "b.tum", "--origin", "start"], "are for maps"),
         (["evaluate", "map.nc"], "give one map with --truth"),
         (["odometry", "x.mcap", "-o", "y.tum", "--set", "nothing=1"], "no NAME=VALUE"),
         (["odometry", "x.mcap", "-o", "y.tum", "--set", "slip=much"], "expected a number"),
