@@ -165,7 +165,8 @@ class Mapper:
             self._map_or_count(frame)
         self._follow_latest()
         self._count_poses()
-        self._grid.keep(self._run(), at_once=True)
+        if self.counts.frames > 0:  # else it is an error, which leaves a world as it was
+            self._grid.keep(self._run(), at_once=True)
 
     def elevation_map(self, attributes: dict[str, str | int | float] | None = None) -> ElevationMap:
         """Return the map as it is now.

@@ -104,6 +104,21 @@ def test_two_runs_make_the_world_of_one_to_the_bit(
     assert read_world(tmp_path / "w").sha256() == once.sha256()
 
 
+def test_a_run_without_depth_leaves_the_world_as_it_was(tmp_path: Path) -> None:
+    """It is refused; the same run once more must not count its motions twice."""
+    way = WAYS["told"]
+    with way.create(tmp_path / "w") as store:
+        way.map(store, range(1, 4))
+    before = (tmp_path / "w" / RUN_FILE).read_bytes()
+    with TileStore.reopen(tmp_path / "w") as store:
+        mapper = way.map(store, ())
+        mapper.move(step(4)[2])
+        mapper.finish()
+        with pytest.raises(MappingError, match="no depth frame; nothing can be mapped"):
+            mapper.elevation_map()
+    assert (tmp_path / "w" / RUN_FILE).read_bytes() == before
+
+
 class _Crash(BaseException):
     """Ends the program at a point of its work."""
 
