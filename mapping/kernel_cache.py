@@ -47,6 +47,7 @@ _ENTRY_POINTS = (
     layer_kernels.supported_steps,
     fill_kernels.measure_errors,
     fill_kernels.bridge,
+    fusion_kernels.choose_blocks,
     fusion_kernels.integrate,
     filter_kernels.run,
 )
@@ -74,7 +75,8 @@ def compile_filter() -> None:
 def compile_kernels() -> None:
     """Compile the kernels, or load them from the cache, by mapping one tiny frame."""
     camera = CameraIntrinsics(16, 12, 16.0, 16.0, 7.5, 5.5)
-    settings = MapSettings()
+    # So that this frame's cells are confirmed: of others nothing is fused.
+    settings = MapSettings(confirmed_frames=1, confirmed_pixels=1, uncertain_sigma_m=1.0)
     reducer = FrameReducer(camera, NGUYEN_2012, settings)
     looking_down = RigidTransform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]))
     view = View(UncertainPose(0, looking_down, np.zeros((6, 6))), looking_down)
