@@ -260,12 +260,15 @@ def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything (1)")
     parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="in all (20)")
     parser.add_argument("--poses", choices=("true", "mocap"), help="instead of the scenario's own")
+    parser.add_argument("--json", action="store_true", help="print what was written as JSON")
 
 
 def run_simulate(options: argparse.Namespace, console: Terminal) -> int:
     """Drive, record and tell the truth; both files appear, or none."""
+    from acquisition.commands.console import show
     from acquisition.files import replacing
     from acquisition.importing import record_all
+    from simulation.run_summary import SimulatedRun
     from simulation.scenario_source import ScenarioSource
     from simulation.scenarios import make_scenario
 
@@ -283,15 +286,11 @@ def run_simulate(options: argparse.Namespace, console: Terminal) -> int:
             progress=lambda samples: reached(f"recorded {samples} samples"),
             when_complete=lambda: source.write_truth(new_truth),
         )
-    wall_s = time.monotonic() - begin
-    console.lines(
-        [
-            f"{output}: {summary.samples} samples of {seconds:g} s, {output.stat().st_size} bytes",
-            f"{truth}: terrain, visible cells, poses and signals; the mapper never opens it",
-            f"took {wall_s:.1f} s, {seconds / wall_s:.2f} times faster than real time",
-        ]
-    )
-    if stuck_s := source.motion.stuck_s:
+    took_s, stuck_s = time.monotonic() - begin, source.motion.stuck_s
+    done, size = dict(summary.samples), summary.size_bytes
+    run = SimulatedRun(str(output), str(truth), done, size, seconds, took_s, stuck_s)
+    show(console, run, as_json=options.json)
+    if stuck_s:
         console.note(f"warning: the rover was stuck for {stuck_s:.1f} s of the run")
     return 0
 

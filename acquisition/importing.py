@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,10 +21,37 @@ _READ_TIMEOUT_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class ImportSummary:
-    """What was imported: from where, and how many samples."""
+    """What was imported.
+
+    Attributes:
+        info: from where.
+        path: the recording.
+        samples: how many, of each type by its name.
+        duration_s: from the earliest to the latest sample.
+        size_bytes: length of the recording.
+    """
 
     info: SourceInfo
-    samples: int
+    path: Path
+    samples: Mapping[str, int]
+    duration_s: float
+    size_bytes: int
+
+    def as_json(self) -> dict[str, object]:
+        """Return what a program wants to know."""
+        return {
+            "output": str(self.path),
+            "source": self.info.name,
+            "model": self.info.model,
+            "samples": dict(self.samples),
+            "duration_s": self.duration_s,
+            "bytes": self.size_bytes,
+        }
+
+    def describe(self) -> list[str]:
+        """Return lines for people."""
+        total = sum(self.samples.values())
+        return [f"{self.path}: {total} samples of {self.duration_s:.3f} s, {self.size_bytes} bytes"]
 
 
 def record_all(
@@ -51,7 +79,7 @@ def record_all(
         StreamError: the recording cannot be written, or there is nothing to record.
     """
     check_target(path)  # before the source is opened, which may be long work
-    samples = 0
+    tally = _Tally()
     try:
         info = source.open()
         with _told_by_name(path), replacing(path) as temporary:
@@ -61,15 +89,33 @@ def record_all(
                 for batch in _batches(source):
                     for sample in batch:
                         writer.write(sample)
-                    samples += len(batch)
+                        tally.add(sample)
                     if progress is not None:
-                        progress(samples)
-            if not samples:
+                        progress(tally.samples.total())
+            if not tally.samples:
                 raise StreamError(f"{info.name} holds no samples; nothing was written to {path}")
             when_complete()
     finally:
         source.close()
-    return ImportSummary(info, samples)
+    size_bytes = path.stat().st_size
+    return ImportSummary(info, path, dict(tally.samples), tally.duration_s, size_bytes)
+
+
+class _Tally:
+    """Counts samples, and keeps the earliest and the latest time."""
+
+    def __init__(self) -> None:
+        self.samples: Counter[str] = Counter()
+        self._ends_ns: tuple[int, int] | None = None
+
+    def add(self, sample: Sample) -> None:
+        self.samples[type(sample).__name__] += 1
+        first_ns, last_ns = self._ends_ns or (sample.t_ns, sample.t_ns)
+        self._ends_ns = min(first_ns, sample.t_ns), max(last_ns, sample.t_ns)
+
+    @property
+    def duration_s(self) -> float:
+        return (self._ends_ns[1] - self._ends_ns[0]) * 1e-9 if self._ends_ns else 0.0
 
 
 @contextmanager

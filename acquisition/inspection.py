@@ -13,6 +13,7 @@ from acquisition.editing.survey import Survey, TopicLog, survey
 from acquisition.messages.codec import IMAGE_TOPIC
 from acquisition.messages.depth_rvl import RVL_TOPIC
 from acquisition.stream.read_report import Damage
+from drivers.faults import Faults
 
 MAX_GAP_PERIODS = 5.0
 # A stream whose longer periods are more than twice its median comes with events, not with a beat;
@@ -63,6 +64,7 @@ class RecordingSummary:
         damaged: parts that cannot be used.
         truncated_bytes: bytes behind the last complete record.
         complete: the proper end is there.
+        faults: what each source's driver lost and mended, by the last health record.
     """
 
     path: str
@@ -73,6 +75,7 @@ class RecordingSummary:
     damaged: tuple[Damage, ...]
     truncated_bytes: int
     complete: bool
+    faults: Mapping[str, Faults]
 
     def as_json(self) -> dict[str, object]:
         """Return the summary as JSON values, under the names of its attributes."""
@@ -82,6 +85,9 @@ class RecordingSummary:
         """Return the summary as lines for people."""
         lines = [f"{self.path}: {self.size_bytes} bytes, {self.duration_s:.3f} s"]
         lines += [_topic_line(topic) for topic in self.topics]
+        for name, faults in self.faults.items():
+            lines += [f"  {name} lost: {text}" for text in faults.losses()]
+            lines += [f"  {name} mended: {text}" for text in faults.repairs()]
         for name, record in self.metadata.items():
             lines += [f"  {name}: {key} = {_shortened(value)}" for key, value in record.items()]
         lines += [f"damaged: {damage.describe()}" for damage in self.damaged]
@@ -95,9 +101,9 @@ class Finding:
     """Something wrong with a recording.
 
     Attributes:
-        kind: "damage", "truncated", "unreadable", "order", "sequence", "gap", "missing" or
-            "unprotected".
-        topic: where; "" when it concerns the file.
+        kind: "damage", "truncated", "unreadable", "order", "sequence", "gap", "missing",
+            "unprotected" or "device".
+        topic: where, or the source's name for "device"; "" when it concerns the file.
         text: what, as one line.
     """
 
@@ -129,6 +135,7 @@ def inspect(path: Path) -> RecordingSummary:
         damaged=found.damaged,
         truncated_bytes=found.truncated_bytes,
         complete=found.complete,
+        faults=found.faults(),
     )
 
 
@@ -190,6 +197,10 @@ def check(path: Path, *, max_gap_periods: float = MAX_GAP_PERIODS) -> list[Findi
         findings += _message_findings(topic, log)
         findings += _sequence_findings(topic, log)
         findings += _gap_findings(topic, log, max_gap_periods)
+    for name, faults in found.faults().items():
+        findings += [
+            Finding("device", name, f"its driver counted {text}") for text in faults.losses()
+        ]
     return findings
 
 

@@ -20,6 +20,7 @@ from acquisition.stream.byte_source import FinishedFile
 from acquisition.stream.read_report import ReadReport
 from acquisition.stream.reader import StreamReader
 from drivers.errors import DriverError, EndOfSource
+from drivers.faults import NO_FAULTS, Faults
 from drivers.samples import Sample
 from drivers.source import SourceInfo
 
@@ -90,6 +91,11 @@ class Replay:
     def name(self) -> str:
         """The instance's name."""
         return self._name
+
+    @property
+    def faults(self) -> Faults:
+        """None: what a recording lost is told by its own health records."""
+        return NO_FAULTS
 
     def open(self) -> SourceInfo:
         """Look at the recording's index, and make ready to play from the start.

@@ -25,6 +25,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.numpy_measurement import numpy_frame
 from drivers.samples import CameraIntrinsics
 from mapping.cells.cell_layers import BYTES_PER_CELL, empty_layers
-from mapping.cells.elevation_map import read_out
+from mapping.cells.elevation_map import ElevationMap, read_out
 from mapping.cells.grid import CellWindow, make_grid
 from mapping.cells.update_constants import fusion_constants
 from mapping.cells.update_kernels import fuse
@@ -54,6 +55,12 @@ Float64Array = NDArray[np.float64]
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _VIEWS = 8
 _CELLS = 300
+# Sigma of the cells' places along both axes, and what a fused map of them may take at most.
+_PLACES = {
+    **{f"{100 * m:g} cm": (m, m) for m in (0.01, 0.02, 0.03, 0.05, 0.065, 0.1)},
+    "5 x 1 cm": (0.05, 0.01),
+}
+_FUSED_BAR_MS = 15.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,9 +269,29 @@ def whole_map() -> list[WholeMap]:
         "motion, O(1)": lambda i: ledger.add(_motion(i)),
         "motion, read out": lambda _: place_errors(layers, centres_m, centres_m, rover),
         "fused map": lambda _: fuse_map(map_),
+        **{
+            f"fused, {name}": partial(_fuse, _placed(map_, *axes)) for name, axes in _PLACES.items()
+        },
     }
     times = {name: _median_s(step, 15) for name, step in steps.items()}
     return [WholeMap(name, 1e3 * s, _CELLS**2 / s / 1e6) for name, s in times.items()]
+
+
+def _placed(map_: ElevationMap, long_m: float, short_m: float) -> ElevationMap:
+    """Return the map with every place known to these sigmas, the ellipse's axes oblique."""
+    axes = Rotation.from_euler("z", 0.5).as_matrix()[:2, :2]
+    xx, xy, _, yy = (axes @ np.diag([long_m**2, short_m**2]) @ axes.T).ravel()
+    ones = np.ones(map_.state.shape, np.float32)
+    return replace(
+        map_,
+        horizontal_xx_m2=np.float32(xx) * ones,
+        horizontal_xy_m2=np.float32(xy) * ones,
+        horizontal_yy_m2=np.float32(yy) * ones,
+    )
+
+
+def _fuse(map_: ElevationMap, _: int) -> None:
+    fuse_map(map_)
 
 
 def _median_s(work: Callable[[int], object], repeats: int) -> float:
@@ -302,6 +329,8 @@ def _print(rows: list[Row], whole: list[WholeMap], copy_gb_s: float) -> None:
     print(f"a cell takes {BYTES_PER_CELL} bytes, a motion 64; this process took {peak_mb:.0f} MB")
     for step in whole:
         print(f"{step.step:<17} {step.ms:>8.3f} ms {step.mcell_s:>12.1f} Mcell/s")
+    slowest = max(step.ms for step in whole if step.step.startswith("fused"))
+    print(f"slowest fused map: {slowest:.1f} ms, bar {_FUSED_BAR_MS:g} ms")
 
 
 if __name__ == "__main__":

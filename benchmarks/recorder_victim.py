@@ -20,6 +20,7 @@ from acquisition.recording.disk_output import DiskOutput
 from acquisition.recording.folder_store import DiskSettings
 from acquisition.recording.recorder import Recorder
 from benchmarks.load import sources
+from drivers.faults import Faults
 from drivers.samples import Sample
 from drivers.source import SourceInfo
 from tests.fakes.paced_source import PacedSource
@@ -37,6 +38,11 @@ class WatchedSource:
         self._stamps = stamps
         self._at = slot * SLOT.size
         self._clock = clock
+
+    @property
+    def faults(self) -> Faults:
+        """Those of the source."""
+        return self._source.faults
 
     def open(self) -> SourceInfo:
         """Open the source."""

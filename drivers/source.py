@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Literal, Protocol, Self, cast
 
 from drivers.errors import DriverError
+from drivers.faults import Faults
 from drivers.samples import Sample
 
 TimeBase = Literal["monotonic", "recorded"]
@@ -65,6 +66,13 @@ class Source(Protocol):
     @property
     def name(self) -> str:
         """The instance's name."""
+
+    @property
+    def faults(self) -> Faults:
+        """What did not become a sample, or nearly did not; counts never shrink while open.
+
+        What shows as a gap in the samples' own sequence numbers need not be counted.
+        """
 
     def open(self) -> SourceInfo:
         """Find the device, check its identity, make it ready.

@@ -22,12 +22,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from mapping.errors import MappingError
-from mapping.files import read_whole
 from mapping.noise import PRESETS, DepthNoiseModel, constant_noise
 
 # Far beyond any sensor; the kernels square these numbers in float32.
 _LARGEST = 1e6
-_SCHEMA: Final = "terravibe/depth-noise"
+DEPTH_NOISE_SCHEMA: Final = "terravibe/depth-noise"
 _NotNegative = Annotated[float, Field(ge=0.0, le=_LARGEST, allow_inf_nan=False)]
 _Finite = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST, allow_inf_nan=False)]
 _Positive = Annotated[float, Field(gt=0.0, le=_LARGEST, allow_inf_nan=False)]
@@ -196,7 +195,7 @@ def noise_to_json(
     """
     try:
         file = NoiseFile(
-            schema=_SCHEMA,
+            schema=DEPTH_NOISE_SCHEMA,
             version=1 if measured is None else 2,
             device=device or DeviceIdentity(),
             model=NoiseCoefficients(**asdict(model)),
@@ -243,30 +242,6 @@ def calibration_from_name(text: str) -> Calibration:
             f"calibration file ({error})"
         ) from error
     return parse_calibration(content, text)
-
-
-def calibration_for(folder: Path, device: DeviceIdentity) -> Calibration | None:
-    """Return the calibration of a device from a folder of .json files, by its serial number.
-
-    None when the device has no serial number or the folder no file of it. Files of other schemas,
-    such as those of inertial sensors, may lie there too.
-
-    Raises:
-        MappingError: the folder or a file in it cannot be read, or two files are of the device.
-    """
-    if not folder.is_dir():
-        raise MappingError(f"there is no folder {folder}; expected calibration files in it")
-    found = []
-    for path in sorted(folder.glob("*.json")):
-        text = read_whole(path).decode("utf-8", errors="replace")
-        if device.serial and f'"{_SCHEMA}"' in text:
-            calibration = parse_calibration(text, str(path))
-            found += [calibration] if calibration.device.serial == device.serial else []
-    if len(found) > 1:
-        raise MappingError(
-            f"{' and '.join(c.where for c in found)} are both of device {device.serial}; keep one"
-        )
-    return found[0] if found else None
 
 
 def _require_usable(model: DepthNoiseModel, where: str) -> None:

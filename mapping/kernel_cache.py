@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from acquisition.kernel_cache import are_cached, note_use
@@ -10,7 +12,7 @@ from mapping import measurement_kernels
 from mapping.alignment import plane_kernels, point_kernels, residual_kernels
 from mapping.alignment.scan_to_map import ScanAligner
 from mapping.alignment.settings import AlignmentSettings
-from mapping.cells import relief_kernels, update_kernels
+from mapping.cells import part_kernels, relief_kernels, update_kernels
 from mapping.cells.elevation_map import read_out
 from mapping.cells.grid import GrowingGrid
 from mapping.cells.update_constants import fusion_constants
@@ -19,7 +21,14 @@ from mapping.change.visibility import clear_seen_through, sight_of
 from mapping.ego_motion import filter_kernels
 from mapping.ego_motion.ego_motion import EgoMotion
 from mapping.geometry import RigidTransform, UncertainPose
-from mapping.ground import fill_kernels, fusion_kernels, layer_kernels
+from mapping.ground import (
+    fill_kernels,
+    fusion_kernels,
+    layer_kernels,
+    place_kernels,
+    step_kernels,
+    surface_kernels,
+)
 from mapping.ground.fill import fill_gaps
 from mapping.ground.fusion import fuse_map
 from mapping.ground.layers import derive
@@ -42,12 +51,19 @@ _ENTRY_POINTS = (
     hidden.mark_jumps,
     read_out_kernels.add_errors,
     relief_kernels.surrounding_relief,
+    part_kernels.slopes,
+    part_kernels.noise_of_heights,
+    part_kernels.combine,
     layer_kernels.plane_layers,
-    layer_kernels.step_heights,
-    layer_kernels.supported_steps,
+    step_kernels.step_heights,
+    step_kernels.supported_steps,
     fill_kernels.measure_errors,
     fill_kernels.bridge,
-    fusion_kernels.choose_blocks,
+    place_kernels.choose_blocks,
+    place_kernels.widest_places,
+    surface_kernels.load_surface,
+    surface_kernels.mean_height,
+    surface_kernels.over_blocks,
     fusion_kernels.integrate,
     filter_kernels.run,
 )
@@ -75,8 +91,8 @@ def compile_filter() -> None:
 def compile_kernels() -> None:
     """Compile the kernels, or load them from the cache, by mapping one tiny frame."""
     camera = CameraIntrinsics(16, 12, 16.0, 16.0, 7.5, 5.5)
-    # So that this frame's cells are confirmed: of others nothing is fused.
-    settings = MapSettings(confirmed_frames=1, confirmed_pixels=1, uncertain_sigma_m=1.0)
+    # So that cells of this frame are confirmed: of others nothing is fused.
+    settings = MapSettings(confirmed_frames=1, confirmed_pixels=1)
     reducer = FrameReducer(camera, NGUYEN_2012, settings)
     looking_down = RigidTransform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]))
     view = View(UncertainPose(0, looking_down, np.zeros((6, 6))), looking_down)
@@ -95,6 +111,9 @@ def compile_kernels() -> None:
     map_ = read_out(grid, settings, {})
     derive(map_)
     fuse_map(map_)
+    # Places so uncertain that their ellipses are sampled at blocks.
+    wide = {name: getattr(map_, name) * 1e3 for name in ("horizontal_xx_m2", "horizontal_yy_m2")}
+    fuse_map(replace(map_, **wide))
     fill_gaps(map_, settings.resolution_m)
     compile_filter()
     note_use(_ENTRY_POINTS)

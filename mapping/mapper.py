@@ -89,7 +89,7 @@ class Mapper:
         if settings.pose_source != "mocap":
             self._motion = MotionTracker(self._poses, with_covariance=wanted, told=before.told)
         self._mounts = MountTree()
-        self._repeats = Repeats(jittering=settings.pose_source == "mocap")
+        self._repeats = Repeats(jittering=settings.pose_source == "mocap", rest=before.rest)
         self._localiser: Localiser | None = None
         if is_aligned(settings):
             self._localiser = Localiser(
@@ -194,7 +194,7 @@ class Mapper:
             errors = replace(errors, gravity_sigma_rad=tilt_rad)
         rover = Rover(*self._rover_m, self._ledger.motions, errors)
         told = self._motion.told if self._motion else None
-        return RunState(rover, self._last, told, slid_rad)
+        return RunState(rover, self._last, told, slid_rad, self._repeats.rest)
 
     def _map_ready_frames(self, now_ns: int) -> None:
         """Map waiting frames whose pose is final, or that have waited long enough.

@@ -33,6 +33,7 @@ def add_odometry_arguments(parser: argparse.ArgumentParser) -> None:
         "--calibrations", type=Path, metavar="DIR", help="take the files of the recording's sensors"
     )
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of ego-motion")
+    add("--json", action="store_true", help="print the result as JSON")
 
 
 def run_odometry(options: argparse.Namespace, console: Console) -> int:
@@ -45,6 +46,7 @@ def run_odometry(options: argparse.Namespace, console: Console) -> int:
     from mapping.ego_motion.settings import EgoMotionSettings
     from mapping.judging.trajectory import write_path
     from mapping.odometry_session import find_trajectory, with_changes
+    from mapping.output.trajectory_summary import summarise_trajectory
 
     changes = [*options.set, *(["use_external_poses=1"] if options.with_poses else [])]
     settings = with_changes(EgoMotionSettings(), changes)  # refuse them before the long work
@@ -69,19 +71,15 @@ def run_odometry(options: argparse.Namespace, console: Console) -> int:
             changes=changes,
         )
     write_path(options.output, result.poses)
-    first_ns, last = result.poses[0].t_ns, result.poses[-1]
-    x, y, z = last.transform.translation_m
-    sigma = last.covariance.diagonal()[:2].sum() ** 0.5
-    length = f"{len(result.poses)} poses of {(last.t_ns - first_ns) * 1e-9:.1f} s"
-    end = f"({x:.3f}, {y:.3f}, {z:.3f}) m, horizontal sigma {sigma:.3f} m"
-    console.lines([f"{options.output}: {length}; ends at {end}"])
+    summary = summarise_trajectory(result, str(options.output))
+    show(console, summary, as_json=options.json)
     if options.method == "filter":
         for note in result.inertial.notes:
             console.note(note)
     for warning in result.inertial.warnings:
         console.note(f"warning: {warning}")
-    for event in result.events:
-        console.note(f"{(event.t_ns - first_ns) * 1e-9:.2f} s: {event.kind}: {event.text}")
+    for event in summary.events:
+        console.note(event.describe())
     return OK
 
 
@@ -110,9 +108,11 @@ def compare_trajectories(options: argparse.Namespace, console: Console) -> int:
             f"odometry with {len(options.subject) - 1} files; expected EST and TRUTH: TUM files, "
             ".nc files, or a recording with motion capture as TRUTH"
         )
-    if options.truth or options.floor_height_m is not None or options.box or options.trajectory:
+    of_maps = (options.truth, options.box, options.trajectory, options.origin)
+    if any(of_maps) or options.floor_height_m is not None:
         raise MappingError(
-            "--truth, --floor-height-m, --box and --trajectory are for maps; leave them out"
+            "--truth, --floor-height-m, --box, --trajectory and --origin are for maps; leave them "
+            "out"
         )
     prepare_depth_code(console)
     estimate, truth = (read_path(Path(name)) for name in options.subject[1:])

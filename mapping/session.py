@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.messages.frames import MOCAP_BODY_FRAME
-from acquisition.stream.provenance import METADATA_NAME
 from acquisition.stream.read_report import ReadReport
 from acquisition.stream.reader import StreamMessage, StreamReader
 from mapping.calibration_file import (
     Calibration,
-    DeviceIdentity,
-    calibration_for,
-    parse_calibration,
 )
 from mapping.cells.elevation_map import ElevationMap
 from mapping.ego_motion.calibrated import CalibratedSettings, calibrated
@@ -26,8 +21,10 @@ from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.errors import MappingError
 from mapping.geometry import UncertainPose
 from mapping.mapper import Mapper, MapperCounts
-from mapping.noise import KINECT_V1, DepthNoiseModel
+from mapping.noise import DepthNoiseModel
+from mapping.noise_choice import ChosenNoise, choose_noise
 from mapping.paper2019.paper_mapper import PaperMapper
+from mapping.recorded import depth_device, recorded_device, recorded_settings
 from mapping.settings import MapSettings
 from mapping.stored_settings import flat, overlaid
 from mapping.undistortion import Undistortion
@@ -78,6 +75,7 @@ class MapResult:
         poses: those that the depth frames were mapped from.
         inertial: where the sigmas of the motion sensors come from; None without ego-motion.
         body_frame: the frame whose poses they are.
+        noise_warning: why no calibration of the device is used though one was wanted, or "".
     """
 
     map: ElevationMap
@@ -88,6 +86,7 @@ class MapResult:
     poses: tuple[UncertainPose, ...] = ()
     inertial: CalibratedSettings | None = None
     body_frame: str = MOCAP_BODY_FRAME
+    noise_warning: str = ""
 
 
 def map_stream(
@@ -112,7 +111,8 @@ def map_stream(
         mapper = mapper or _mapper_for(options, reader.metadata, resources, poses.append)
         mapper.finish()
         report = reader.report
-        map_ = mapper.elevation_map(_attributes(mapper, report))
+        noise = _noise_for(options, reader.metadata)
+        map_ = mapper.elevation_map(_attributes(mapper, report) | noise.attributes())
     return MapResult(
         map=map_,
         report=report,
@@ -122,23 +122,8 @@ def map_stream(
         poses=tuple(poses),
         inertial=_inertial_for(options, mapper.settings, reader.metadata),
         body_frame=mapper.body_frame,
+        noise_warning=noise.warning,
     )
-
-
-def recorded_settings(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
-    """Return the settings that the recording was made with; empty for others' recordings.
-
-    Raises:
-        MappingError: they are there but are not a JSON object.
-    """
-    text = metadata.get(METADATA_NAME, {}).get("settings", "{}")
-    try:
-        settings = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise MappingError(f"the recording's settings are not JSON: {error}") from error
-    if not isinstance(settings, dict):
-        raise MappingError("the recording's settings are not a JSON object")
-    return settings
 
 
 def _mapper_for(
@@ -149,7 +134,7 @@ def _mapper_for(
 ) -> Mapper:
     """Return a mapper with the user's wishes over the recording's over the defaults."""
     recorded = recorded_settings(metadata)
-    noise = _noise_for(options, recorded, depth_device(metadata))
+    noise = _noise_for(options, metadata)
     settings = replace(
         _with_recorded_map(options, recorded.get("map")),
         mount_sigma_m=_first(
@@ -164,19 +149,16 @@ def _mapper_for(
     inertial = _inertial_for(options, settings, metadata)
     if inertial is not None:
         settings = replace(settings, ego_motion=inertial.settings)
-    model = noise.model if isinstance(noise, Calibration) else noise or KINECT_V1
     if options.undistortion is not None:
         options.undistortion.check_device(depth_device(metadata))
     if options.method == "paper2019":
-        return PaperMapper(settings, model, on_pose=on_pose)
-    grid = _world_grid(options, settings, model, resources)
-    # Measured in a box of distances: outside it the default model stands in.
-    fallback = KINECT_V1 if isinstance(noise, Calibration) and noise.measured else None
+        return PaperMapper(settings, noise.model, on_pose=on_pose)
+    grid = _world_grid(options, settings, noise.model, resources)
     return Mapper(
         settings,
-        model,
+        noise.model,
         grid,
-        fallback=fallback,
+        fallback=noise.fallback,
         undistortion=options.undistortion,
         on_pose=on_pose,
     )
@@ -210,15 +192,6 @@ def _world_grid(
     return WorldGrid(settings, store)
 
 
-def depth_device(metadata: Mapping[str, Mapping[str, str]]) -> DeviceIdentity:
-    """Return which device a recording's depth frames come from, as far as it says so.
-
-    Raises:
-        MappingError: as `recorded_device`.
-    """
-    return recorded_device(metadata, "DepthFrame")
-
-
 def calibrated_motion(
     settings: EgoMotionSettings,
     metadata: Mapping[str, Mapping[str, str]],
@@ -237,42 +210,10 @@ def calibrated_motion(
     return calibrated(settings, devices, files if isinstance(files, dict) else {}, calibrations)
 
 
-def recorded_device(metadata: Mapping[str, Mapping[str, str]], *samples: str) -> DeviceIdentity:
-    """Return which device a recording's samples of some types come from, as far as it says so.
-
-    Raises:
-        MappingError: what it says of its sources is not a JSON object.
-    """
-    for name, text in metadata.get(METADATA_NAME, {}).items():
-        if not name.startswith("source."):
-            continue
-        try:
-            identity = dict(json.loads(text))
-        except (ValueError, TypeError) as error:
-            raise MappingError(f"the recording's {name} is not a JSON object: {error}") from error
-        if set(samples) & set(identity.get("produces", ())):
-            model, serial = (str(identity.get(key, "")) for key in ("model", "serial"))
-            return DeviceIdentity(model=model, serial=serial)
-    return DeviceIdentity()
-
-
-def _noise_for(
-    options: MapOptions, recorded: Mapping[str, Any], device: DeviceIdentity
-) -> DepthNoiseModel | Calibration | None:
-    """Return the user's noise, else that of the device, else the recording's own, else None.
-
-    Raises:
-        MappingError: it was measured on another device, or cannot be read.
-    """
-    noise = options.noise
-    if noise is None and options.calibrations is not None:
-        noise = calibration_for(options.calibrations, device)
-    if noise is None and "depth_noise" in recorded:
-        text = json.dumps(recorded["depth_noise"])
-        noise = parse_calibration(text, "the recording's depth_noise")
-    if isinstance(noise, Calibration):
-        noise.check_device(device)
-    return noise
+def _noise_for(options: MapOptions, metadata: Mapping[str, Mapping[str, str]]) -> ChosenNoise:
+    """Return the noise model of the recording's depth camera; twice is as once."""
+    recorded = recorded_settings(metadata)
+    return choose_noise(options.noise, options.calibrations, recorded, depth_device(metadata))
 
 
 def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:

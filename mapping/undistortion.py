@@ -11,6 +11,7 @@ m holds no tilt and no offset: each plate's plane has taken them, and bias(z) ha
 from __future__ import annotations
 
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -98,9 +99,9 @@ def read_undistortion(path: Path) -> Undistortion:
                 )
             mean_px, focal_baseline = file["mean_px"], float(file["disparity_px_m"])
             device = DeviceIdentity(model=str(file["model"]), serial=str(file["serial"]))
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        known = np.isfinite(mean_px)
+    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise MappingError(f"cannot read {path}: {error}; expected an undistortion.npz") from error
-    known = np.isfinite(mean_px)
     largest = float(np.abs(mean_px[known]).max(initial=0.0))
     if mean_px.ndim != 2 or not focal_baseline > 0.0 or largest > _LARGEST_PX:
         raise MappingError(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from drivers.errors import DriverError, EndOfSource
+from drivers.faults import NO_FAULTS, Faults
 from drivers.samples import DepthFrame, PoseSample, Sample, frozen_array
 from drivers.source import SourceInfo
 from simulation.devices.camera_mount import BODY_FROM_OPTICAL
@@ -56,6 +57,11 @@ class IdealDrive:
         self._hits: dict[int, Float64Array] = {}
         self._next: int | None = None
         self._given = 0
+
+    @property
+    def faults(self) -> Faults:
+        """None: nothing is lost on the way from a simulated device."""
+        return NO_FAULTS
 
     def open(self) -> SourceInfo:
         """Start at the beginning of the drive."""

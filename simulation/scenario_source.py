@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drivers.errors import DriverError, EndOfSource
+from drivers.faults import NO_FAULTS, Faults
 from drivers.samples import (
     AccelerationSample,
     CanFrameSample,
@@ -84,6 +85,11 @@ class ScenarioSource:
         if self._run is None:
             raise SimulationError(f"{self.name}: it has not driven yet; open it first")
         return self._run.motion
+
+    @property
+    def faults(self) -> Faults:
+        """None: nothing is lost on the way from a simulated device."""
+        return NO_FAULTS
 
     def open(self) -> SourceInfo:
         """Drive, and start at the beginning of the samples.

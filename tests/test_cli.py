@@ -15,10 +15,11 @@ from PIL import Image
 
 import cli
 from acquisition.commands.console import CHECK_FAILED, OK
-from acquisition.inspection import check
+from acquisition.inspection import check, inspect
 from mapping.ground.fill import fill_gaps
 from mapping.judging.truth import read_truth
 from mapping.output.map_file import read_map
+from simulation.run_summary import SimulatedRun
 
 _ROOT = Path(__file__).resolve().parents[1]
 _UNUSABLE = 2
@@ -79,6 +80,25 @@ def test_import_info_check_map_evaluate_export(
     for name in ("out.tif", "out.ply", "out.png"):
         assert cli.main(["export", str(map_file), "-o", str(tmp_path / name)]) == OK
         assert (tmp_path / name).stat().st_size > 0
+
+
+def test_what_import_and_export_wrote_is_json_for_scripts(
+    tum_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, map_file, sheet = (str(tmp_path / name) for name in ("r.mcap", "map.nc", "out.tif"))
+    words = ["import", "tum", str(tum_folder), "--intrinsics", _INTRINSICS, "-o", path]
+    assert cli.main([*words, "--json"]) == OK
+    said = json.loads(capsys.readouterr().out)
+    assert (said["output"], said["duration_s"]) == (path, 5.0)
+    assert said["samples"] == {"PoseSample": 6, "DepthFrame": 6}
+    assert run_map(Path(path), Path(map_file)) == OK
+    capsys.readouterr()
+    assert cli.main(["export", map_file, "-o", sheet, "--json"]) == OK
+    exported = json.loads(capsys.readouterr().out)
+    assert (exported["output"], exported["figures"]) == (sheet, None)
+    map_ = read_map(Path(map_file))
+    assert exported["shape"] == list(map_.state.shape)
+    assert exported["sha256"] == map_.sha256()
 
 
 def test_same_bits_from_file_pipe_and_second_run(
@@ -159,9 +179,13 @@ def test_a_simulated_run_is_mapped_and_judged_and_is_the_same_in_another_process
         folder.mkdir()
     words = [sys.executable, "-m", "cli", *simulate(folders[1])]
     with subprocess.Popen(words, cwd=_ROOT, stdout=subprocess.DEVNULL) as other:  # meanwhile
-        assert cli.main(simulate(folders[0])) == OK
+        assert cli.main([*simulate(folders[0]), "--json"]) == OK
     assert other.returncode == 0
-    assert "faster than real time" in capsys.readouterr().out
+    said = json.loads(capsys.readouterr().out)
+    (images,) = [t for t in inspect(folders[0] / "run.mcap").topics if t.topic == "/depth/image"]
+    assert (said["duration_s"], said["samples"]["DepthFrame"]) == (4.0, images.messages)
+    assert "faster than real time" in SimulatedRun(**said).describe()[2]
+    assert said["bytes"] == (folders[0] / "run.mcap").stat().st_size
     for name in ("run.mcap", "truth.nc"):
         assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes()
     assert {path.name for path in folders[0].iterdir()} == {"run.mcap", "truth.nc"}

@@ -10,7 +10,7 @@ from math import radians
 from pathlib import Path
 
 from acquisition.commands.arguments import numbers, product
-from acquisition.commands.console import CHECK_FAILED, OK, Console
+from acquisition.commands.console import CHECK_FAILED, OK, Console, show
 
 
 def add_import_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,6 +61,7 @@ def _add_common_import_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DEG",
         help="1 sigma of the camera's rotation on the tracked body (0.5)",
     )
+    add("--json", action="store_true", help="print what was imported as JSON")
 
 
 def run_import(options: argparse.Namespace, console: Console) -> int:
@@ -89,7 +90,7 @@ def run_import(options: argparse.Namespace, console: Console) -> int:
             },
             progress=lambda samples: reached(f"{samples} samples"),
         )
-    console.lines([f"{options.output}: {summary.samples} samples from {options.folder}"])
+    show(console, summary, as_json=options.json)
     return OK
 
 

@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from acquisition.errors import StreamError
+from acquisition.health.diagnostics import Diagnostics
 from acquisition.messages import codec
 from acquisition.recovery.container import Container, RecordedMessage
 from acquisition.stream.byte_source import FinishedFile
 from acquisition.stream.read_report import Damage
+from drivers.faults import NO_FAULTS, Faults
 
 
 @dataclass(slots=True)
@@ -26,6 +28,7 @@ class TopicLog:
         unprotected: messages that no checksum vouches for.
         unreadable: messages that do not decode, though they should.
         first_error: why the first of them does not.
+        health: the last health record; None where there is none.
     """
 
     ros_type: str
@@ -35,6 +38,7 @@ class TopicLog:
     unprotected: int = 0
     unreadable: int = 0
     first_error: str = ""
+    health: Diagnostics | None = None
 
     def add(self, message: RecordedMessage) -> None:
         """Take a message into account."""
@@ -46,12 +50,15 @@ class TopicLog:
         if row is None or message.encoding != "cdr":
             return
         try:
-            codec.decode(
+            found = codec.decode(
                 row, message.data, log_time_ns=message.log_time_ns, sequence=message.sequence
             )
         except StreamError as error:
             self.unreadable += 1
             self.first_error = self.first_error or str(error)
+        else:
+            if isinstance(found, Diagnostics):
+                self.health = found
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +82,16 @@ class Survey:
     damaged: tuple[Damage, ...]
     truncated_bytes: int
     complete: bool
+
+    def faults(self) -> dict[str, Faults]:
+        """Return what each source's driver had counted at the end, as the health records say."""
+        records = [log.health for log in self.topics.values() if log.health is not None]
+        return {
+            status.name: faults
+            for record in records
+            for status in record.statuses
+            if (faults := status.faults()) != NO_FAULTS
+        }
 
 
 def survey(path: Path) -> Survey:

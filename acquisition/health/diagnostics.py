@@ -9,6 +9,9 @@ from enum import IntEnum
 from rosbags.typesys.stores import ros2_humble as ros
 
 from acquisition.messages import ros_fields as fields
+from drivers.faults import Faults
+
+_LOST, _MENDED = "lost ", "mended "
 
 
 class Level(IntEnum):
@@ -37,6 +40,24 @@ class DeviceStatus:
     message: str
     hardware_id: str
     values: Mapping[str, str]
+
+    def faults(self) -> Faults:
+        """Return the driver's own counts; values of others that are no counts are left out."""
+        return Faults(_behind(_LOST, self.values), _behind(_MENDED, self.values))
+
+
+def fault_values(faults: Faults) -> dict[str, int]:
+    """Return a driver's counts as they stand in `DeviceStatus.values`."""
+    lost = {_LOST + name: count for name, count in faults.lost.items()}
+    return lost | {_MENDED + name: count for name, count in faults.mended.items()}
+
+
+def _behind(prefix: str, values: Mapping[str, str]) -> dict[str, int]:
+    return {
+        key.removeprefix(prefix): int(value)
+        for key, value in values.items()
+        if key.startswith(prefix) and value.isdecimal()
+    }
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,6 +67,7 @@ def _source(lane: Lane, now_ns: int, duration_s: float, state: OutputState) -> S
         state="refused" if lane.refusal else name,
         error=lane.refusal or worker.error,
         losses=worker.losses,
+        faults=worker.faults,
         silent_s=silent_s,
         queue=worker.queue.state(),
         streams=_streams(lane, duration_s, state),

@@ -6,9 +6,10 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
-from acquisition.health.diagnostics import DeviceStatus, Diagnostics, Level
+from acquisition.health.diagnostics import DeviceStatus, Diagnostics, Level, fault_values
 from acquisition.health.stream_track import StreamStatistics
 from acquisition.recording.sample_queue import QueueState
+from drivers.faults import NO_FAULTS, Faults
 
 # A rate this far below the nominal one is worth a warning.
 _RATE_TOLERANCE = 0.1
@@ -47,6 +48,7 @@ class SourceHealth:
         streams: what it produces.
         clock_skew_ppm: its clock against the host's, as in `ClockSample`; None while it is unknown.
         warning: what is not as it was asked for, or "".
+        faults: what its driver lost and mended, by the driver's own count.
     """
 
     name: str
@@ -60,6 +62,7 @@ class SourceHealth:
     streams: tuple[StreamHealth, ...]
     clock_skew_ppm: float | None
     warning: str
+    faults: Faults = NO_FAULTS
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +105,7 @@ def _losses(source: SourceHealth) -> list[str]:
         found.append(f"{source.queue.dropped} samples dropped, the writer is too slow")
     if source.losses:
         found.append(f"lost {source.losses} times")
+    found += source.faults.losses()
     for stream in source.streams:
         found += _stream_losses(stream)
     if source.warning:
@@ -161,6 +165,7 @@ def _device_status(source: SourceHealth) -> DeviceStatus:
             "refused": stream.refused,
         }
         values |= {f"{stream.topic} {name}": value for name, value in figures.items()}
+    values |= fault_values(source.faults)
     return DeviceStatus(level, source.name, text, source.serial, _as_text(values))
 
 

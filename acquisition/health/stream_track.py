@@ -22,7 +22,9 @@ class StreamStatistics:
         gap_s: their sum.
         longest_gap_s: the longest of them.
         backwards: stamps older than the one before.
-        rate_hz: over the last interval; None when nothing came in it.
+        rate_hz: over the last interval, by the host's clock; of a recording that is played or a
+            drive that is simulated by the samples' own times, however fast they come. None when
+            nothing came in it.
         nominal_rate_hz: as expected; None = unknown.
         jitter_s: standard deviation of the time between samples over the last interval.
     """
@@ -56,6 +58,7 @@ class StreamTrack:
 
     def _new_interval(self) -> None:
         self._samples_before = self._samples
+        self._began_ns, self._periods = self._last_ns, 0
         self._steps = 0
         self._sum_ns = self._sum_squares_ns2 = 0.0
 
@@ -81,7 +84,10 @@ class StreamTrack:
         self._last_sequence = number
         self._samples += 1
         last_ns, self._last_ns = self._last_ns, t_ns
-        if last_ns is not None:
+        if last_ns is None:
+            self._began_ns = t_ns
+        else:
+            self._periods += 1
             self._count_step(t_ns - last_ns, reopened=reopened)
         return number, dropped_here
 
@@ -118,9 +124,12 @@ class StreamTrack:
         if self._learnt_steps >= _TRUSTED_AFTER:
             self._longest_ns = MAX_GAP_PERIODS * self._learnt_ns
 
-    def end_interval(self, duration_s: float) -> StreamStatistics:
-        """Return the figures, those of the interval included, and begin the next interval."""
-        in_interval = self._samples - self._samples_before
+    def end_interval(self, duration_s: float | None) -> StreamStatistics:
+        """Return the figures, those of the interval included, and begin the next interval.
+
+        Args:
+            duration_s: of the interval, for the rate; None = as long as its samples say.
+        """
         statistics = StreamStatistics(
             samples=self._samples,
             missed=self._missed,
@@ -128,12 +137,19 @@ class StreamTrack:
             gap_s=self._gap_ns * 1e-9,
             longest_gap_s=self._longest_gap_ns * 1e-9,
             backwards=self._backwards,
-            rate_hz=in_interval / duration_s if in_interval else None,
+            rate_hz=self._rate_hz(duration_s),
             nominal_rate_hz=self._nominal_rate_hz,
             jitter_s=self._jitter_s(),
         )
         self._new_interval()
         return statistics
+
+    def _rate_hz(self, duration_s: float | None) -> float | None:
+        if duration_s is not None:
+            return (self._samples - self._samples_before) / duration_s or None
+        if self._last_ns is None or self._began_ns is None or self._last_ns <= self._began_ns:
+            return None
+        return self._periods * 1e9 / (self._last_ns - self._began_ns)
 
     def _jitter_s(self) -> float | None:
         if self._steps < 2:

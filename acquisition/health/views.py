@@ -47,7 +47,14 @@ def _total(source: SourceHealth) -> str:
     gaps, missed = sum(s.gaps for s in figures), sum(s.missed for s in figures)
     lost = f"{gaps} gaps, {missed} missing, {source.queue.dropped} dropped"
     away = f", lost {source.losses} times" if source.losses else ""
-    return f"{samples} samples, {lost}{away}"
+    counted = "".join(f", {text}" for text in source.faults.losses())
+    return f"{samples} samples, {lost}{away}{counted}{_mended(source)}"
+
+
+def _mended(source: SourceHealth) -> str:
+    """Return what went wrong without a loss, to stand behind other words."""
+    repairs = source.faults.repairs()
+    return f"; mended: {', '.join(repairs)}" if repairs else ""
 
 
 def table_of(snapshot: HealthSnapshot) -> Table:
@@ -67,8 +74,9 @@ def table_of(snapshot: HealthSnapshot) -> Table:
 
 
 def _state(source: SourceHealth) -> tuple[Level, str]:
-    """Return how bad it is, and one line: why, and how fast the device's clock runs."""
+    """Return how bad it is, and one line: why, what was mended, and how fast its clock runs."""
     level, text = status_of(source)
+    text += _mended(source)
     skew_ppm = source.clock_skew_ppm
     return level, text if skew_ppm is None else f"{text}, clock {skew_ppm:+.1f} ppm"
 

@@ -46,6 +46,7 @@ class Intake:
         """Expect these rates; where one is missing, what the source itself says."""
         self.follower = ClockFollower(tuning)
         self._info: SourceInfo | None = None
+        self._is_live = True
         self._followed_ns = 0
         self._clock = clock
         self._rates_hz = rates_hz
@@ -57,7 +58,7 @@ class Intake:
         dropped = batch.dropped_before
         if batch.reopened:
             self._reopened = set(self._tracks)
-        live = batch.info.time_base == "monotonic"
+        live = self._is_live = batch.info.time_base == "monotonic"
         if live:
             self._follow(batch)
         to_log_time_ns = self._clock.log_time_ns
@@ -99,5 +100,10 @@ class Intake:
         return track
 
     def end_interval(self, duration_s: float) -> dict[type[Sample], StreamStatistics]:
-        """Return the figures of each stream and begin the next interval."""
-        return {kind: track.end_interval(duration_s) for kind, track in self._tracks.items()}
+        """Return the figures of each stream and begin the next interval.
+
+        Args:
+            duration_s: of the interval by the host's clock, which says nothing of recorded times.
+        """
+        duration = duration_s if self._is_live else None
+        return {kind: track.end_interval(duration) for kind, track in self._tracks.items()}

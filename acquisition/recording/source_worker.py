@@ -11,7 +11,11 @@ from acquisition.clocks.recorder_clock import Clock
 from acquisition.recording.sample_queue import SampleQueue
 from acquisition.recording.thread_priority import raise_priority
 from drivers.errors import DriverError, EndOfSource, TerravibeError
+from drivers.faults import NO_FAULTS
 from drivers.source import Source, SourceInfo
+
+# How often the driver is asked for its faults.
+_FAULTS_EVERY_NS = 500_000_000
 
 WorkerState = Literal["opening", "ready", "running", "lost", "ended", "closed"]
 
@@ -42,6 +46,7 @@ class SourceWorker:
         info: what the source said when it was last opened; None before that.
         error: why it was last lost or could not be opened; "" while all is well.
         losses: how often it was lost after it had been opened.
+        faults: what its driver lost and mended while it was read; what `open` met is not in it.
         answered_ns: when its last read returned, by the monotonic clock.
         warning: why the thread runs without the priority that was asked for, or "".
     """
@@ -53,6 +58,7 @@ class SourceWorker:
         self.info: SourceInfo | None = None
         self.error = ""
         self.losses = 0
+        self.faults = NO_FAULTS
         self.answered_ns = clock.now_ns()
         self.warning = ""
         self._source = source
@@ -126,17 +132,29 @@ class SourceWorker:
         self.state = "ready"
         self._tried.set()
         self._go.wait()
-        self._read(info)
+        before, earlier = self._source.faults, self.faults
 
-    def _read(self, info: SourceInfo) -> None:
+        def note_faults() -> None:
+            self.faults = self._source.faults.since(before).plus(earlier)
+
+        try:
+            self._read(info, note_faults)
+        finally:
+            note_faults()
+
+    def _read(self, info: SourceInfo, note_faults: Callable[[], None]) -> None:
         reopened = self.losses > 0
         self.state = "running"
         # Looked up once: this loop turns thousands of times a second.
         read, timeout_s, put = self._source.read, self._settings.read_timeout_s, self.queue.put
         stopped, now_ns = self._stop.is_set, self._clock.now_ns
+        faults_due_ns = now_ns()
         while not stopped():
             samples = read(timeout_s)
             self.answered_ns = now_ns()
             if samples:
                 put(info, samples, reopened=reopened)
                 reopened = False
+            if self.answered_ns >= faults_due_ns:
+                note_faults()
+                faults_due_ns = self.answered_ns + _FAULTS_EVERY_NS

@@ -74,13 +74,17 @@ def run_mount(options: argparse.Namespace, console: Console) -> int:
 def run_track(options: argparse.Namespace, console: Console) -> int:
     """Print the effective track."""
     from calibration_rigs.mount_rig.track import calibrate_track
-    from drivers.samples import WheelTwistSample
+    from drivers.samples import WheelTwistSample, YawRateSample
 
     prepare_depth_code(console)
     with console.progress(f"reading {options.recording}"):
         samples = _samples(options.recording)
     twists = [sample for sample in samples if isinstance(sample, WheelTwistSample)]
-    track = calibrate_track(twists, [math.radians(angle) for angle in options.turns_deg])
+    track = calibrate_track(
+        twists,
+        [math.radians(angle) for angle in options.turns_deg],
+        gyro=[sample for sample in samples if isinstance(sample, YawRateSample)],
+    )
     show(console, track, as_json=options.json)
     return OK
 
@@ -115,12 +119,12 @@ def _camera_mount(options: argparse.Namespace, samples: list[Recordable]) -> Cam
 
 
 def _samples(path: Path) -> list[Recordable]:
-    """Return depth frames, mounts and wheel speeds of a recording."""
+    """Return depth frames, mounts, wheel speeds and yaw rates of a recording."""
     from acquisition.messages.frames import StaticTransforms
     from acquisition.stream.byte_source import FinishedFile
     from acquisition.stream.reader import StreamReader
     from calibration_rigs.errors import RigError
-    from drivers.samples import DepthFrame, WheelTwistSample
+    from drivers.samples import DepthFrame, WheelTwistSample, YawRateSample
 
     kept: list[Recordable] = []
     frames = 0
@@ -131,7 +135,7 @@ def _samples(path: Path) -> list[Recordable]:
             frames += isinstance(sample, DepthFrame)
             if isinstance(sample, DepthFrame) and frames > _MOST_FRAMES:
                 continue
-            if isinstance(sample, StaticTransforms | DepthFrame | WheelTwistSample):
+            if isinstance(sample, StaticTransforms | DepthFrame | WheelTwistSample | YawRateSample):
                 kept.append(sample)
         if reader.report.damaged:
             raise RigError(

@@ -14,12 +14,19 @@ from numpy.typing import NDArray
 
 from calibration_rigs.errors import RigError
 from calibration_rigs.static_rig.allan import Coefficient
-from drivers.samples import WheelTwistSample
+from drivers.samples import WheelTwistSample, YawRateSample
 
 Float64Array = NDArray[np.float64]
 
 _STILL_M_S = 0.01
 _REST_S = 1.0
+# A gyro that nobody calibrated is off by a few per cent, and its bias is that of the rests.
+_GYRO_SHARE, _GYRO_LEAST_RAD = 0.15, math.radians(5.0)
+_GYRO_MARGIN_S = _REST_S / 3.0
+# Wheels that drag sideways make a rover 1.4 to 1.5 times as wide as it is (`skid_steer`). What is
+# outside these bounds, in geometric widths, no ground does.
+_USUAL_RATIO = 1.5
+_NARROWEST, _WIDEST = 0.5, 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,14 +59,24 @@ class EffectiveTrack:
 
 
 def calibrate_track(
-    samples: Sequence[WheelTwistSample], true_rad: Sequence[float]
+    samples: Sequence[WheelTwistSample],
+    true_rad: Sequence[float],
+    *,
+    gyro: Sequence[YawRateSample] = (),
 ) -> EffectiveTrack:
     """Return the effective track from a recording of turns with a second of rest around each.
 
+    Args:
+        samples: of the wheels.
+        true_rad: the turns' angles, counter-clockwise positive.
+        gyro: of the same recording, to confirm the angles; empty = nothing confirms them.
+
     Raises:
-        RigError: the wheels' sides are not told apart, other turns than angles, wrong sense.
+        RigError: the wheels' sides are not told apart, other turns than angles, wrong sense, the
+            gyro saw other angles, or a track far from the one in use.
     """
-    t_s, difference = _difference(samples)
+    known = [s for s in samples if s.left_m_s is not None and s.right_m_s is not None]
+    t_s, difference = _difference(known)
     turns = _moves(t_s, difference)
     if len(turns) != len(true_rad) or not turns:
         raise RigError(
@@ -77,14 +94,70 @@ def calibrate_track(
             f"tracks of {tracks.round(3).tolist()} m; expected numbers above 0: check the order "
             "and the signs of the angles, counter-clockwise is positive"
         )
+    spans_s = [(float(t_s[part][0]), float(t_s[part][-1])) for part in turns]
+    _confirm_angles(spans_s, true_rad, gyro, known[0].t_ns)
+    _check_width(tracks, _track_in_use_m(known, difference))
     n = len(tracks)
     sigma = float(np.std(tracks, ddof=1) / math.sqrt(n)) if n > 1 else math.inf
     return EffectiveTrack(Coefficient(float(tracks.mean()), sigma), (*map(float, tracks),))
 
 
-def _difference(samples: Sequence[WheelTwistSample]) -> tuple[Float64Array, Float64Array]:
+def _confirm_angles(
+    spans_s: Sequence[tuple[float, float]],
+    true_rad: Sequence[float],
+    gyro: Sequence[YawRateSample],
+    began_ns: int,
+) -> None:
+    """Refuse angles that the gyro did not see; which way its axis points does not matter.
+
+    Args:
+        spans_s: begin and end of each turn after `began_ns`.
+        true_rad: the stated angles.
+        gyro: of the same recording.
+        began_ns: from which the spans count.
+    """
+    t_s = np.array([(sample.t_ns - began_ns) * 1e-9 for sample in gyro])
+    rate = np.array([sample.rate_rad_s for sample in gyro])
+    parts = [(t_s > a - _GYRO_MARGIN_S) & (t_s < b + _GYRO_MARGIN_S) for a, b in spans_s]
+    resting = ~np.any(parts, axis=0)
+    bias = float(rate[resting].mean()) if resting.any() else 0.0
+    for number, (part, (begin_s, end_s), stated) in enumerate(
+        zip(parts, spans_s, true_rad, strict=True), start=1
+    ):
+        if not part.any() or t_s[part][0] > begin_s or t_s[part][-1] < end_s:
+            continue  # the gyro was not there for the whole turn
+        seen = abs(_integral(t_s[part], rate[part] - bias))
+        limit = max(_GYRO_SHARE * abs(stated), _GYRO_LEAST_RAD)
+        if abs(seen - abs(stated)) > limit:
+            raise RigError(
+                f"turn {number} is stated as {math.degrees(stated):g} degrees and the gyro saw "
+                f"{math.degrees(seen):.1f}; expected a difference up to {math.degrees(limit):.0f}: "
+                "record turns on the spot with rests around them, and give their angles in order"
+            )
+
+
+def _check_width(tracks: Float64Array, in_use_m: float | None) -> None:
+    """Refuse tracks that cannot be the rover's, whose wheels' yaw rates were made with another."""
+    if in_use_m is None:
+        return
+    geometric_m = in_use_m / _USUAL_RATIO
+    low_m, high_m = _NARROWEST * geometric_m, _WIDEST * geometric_m
+    if not (low_m <= tracks.min() and tracks.max() <= high_m):
+        raise RigError(
+            f"tracks of {tracks.round(3).tolist()} m, {in_use_m:.3f} m in use; expected "
+            f"{low_m:.2f} to {high_m:.2f} m: check the angles, and that the recording holds turns "
+            "on the spot"
+        )
+
+
+def _track_in_use_m(samples: Sequence[WheelTwistSample], difference: Float64Array) -> float | None:
+    """Return the effective track of the recorded yaw rates; None when these tell nothing."""
+    yaw_rad_s = sum(abs(sample.yaw_rate_rad_s) for sample in samples)
+    return float(np.abs(difference).sum() / yaw_rad_s) if yaw_rad_s > 0.0 else None
+
+
+def _difference(known: Sequence[WheelTwistSample]) -> tuple[Float64Array, Float64Array]:
     """Return time (s) and right less left rim speed (m/s)."""
-    known = [s for s in samples if s.left_m_s is not None and s.right_m_s is not None]
     if len(known) < 2:
         raise RigError(
             "the recording holds no speeds of left and right wheels; record /wheels/speeds"

@@ -17,7 +17,7 @@ from calibration_rigs.errors import RigError
 from calibration_rigs.plate_rig.manifest import Rig
 from drivers.samples import CameraIntrinsics, DepthFrame
 from mapping.calibration_file import DeviceIdentity
-from mapping.session import depth_device
+from mapping.recorded import depth_device
 
 # Frames beyond these tell nothing new and only take memory: 123 MB at 640 x 480.
 FRAMES_AT_MOST = 200

@@ -18,6 +18,7 @@ from drivers.checks import check_intrinsics, check_positive
 from drivers.depth.png import MillimetreTable, check_headers, read_counts
 from drivers.depth.trajectory import interpolate, read_trajectory
 from drivers.errors import DriverError, EndOfSource
+from drivers.faults import NO_FAULTS, Faults
 from drivers.samples import (
     AccelerationSample,
     CameraIntrinsics,
@@ -157,6 +158,11 @@ class DepthFolder(ABC):
         Raises:
             DriverError: the folder does not have this layout.
         """
+
+    @property
+    def faults(self) -> Faults:
+        """None: a file that cannot be read is an error."""
+        return NO_FAULTS
 
     def open(self) -> SourceInfo:
         """Check settings, texts and image headers.

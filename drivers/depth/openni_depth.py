@@ -17,6 +17,7 @@ from drivers.depth.openni_library import find_library, usual_folders
 from drivers.depth.openni_link import OpenNiLink
 from drivers.depth.openni_protocol import End, Ready
 from drivers.errors import DriverError, EndOfSource
+from drivers.faults import NO_FAULTS, Faults
 from drivers.samples import CameraIntrinsics, DepthFrame
 from drivers.source import SourceInfo, TickCounter
 
@@ -111,6 +112,11 @@ class OpenNiDepth:
     def name(self) -> str:
         """The instance's name."""
         return self._name
+
+    @property
+    def faults(self) -> Faults:
+        """None: a frame that did not come is missing in the sequence numbers."""
+        return NO_FAULTS
 
     def open(self) -> SourceInfo:
         """Start the helper process and have it open the device.

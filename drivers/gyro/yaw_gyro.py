@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 from drivers.checks import check_positive
 from drivers.errors import DriverError
+from drivers.faults import Faults
 from drivers.gyro.chip_setup import check_identity, describe, mismatches, possible_rate_hz, set_up
 from drivers.gyro.chips import CHIPS, decode
 from drivers.gyro.i2c import I2cBus, I2cLink, LinkCounters
@@ -117,6 +118,19 @@ class YawGyro:
     def bus_counters(self) -> LinkCounters:
         """Failed transfers and reopened buses since construction."""
         return self._link.counters
+
+    @property
+    def faults(self) -> Faults:
+        """Overwritten samples are lost; what else failed was tried again. Since construction."""
+        counters, bus = self.counters, self._link.counters
+        return Faults(
+            {"overruns": counters.overruns},
+            {
+                "failed_transfers": bus.failed_transfers,
+                "bus_reopened": bus.reopened,
+                "set_up_again": counters.set_up_again,
+            },
+        )
 
     def open(self) -> SourceInfo:
         """Open the bus, check that it is this chip, write the settings and read them back.

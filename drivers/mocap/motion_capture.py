@@ -21,6 +21,7 @@ import numpy as np
 
 from drivers.checks import check_not_negative, check_positive
 from drivers.errors import DriverError
+from drivers.faults import Faults
 from drivers.samples import PoseSample, frozen_array
 from drivers.source import SourceInfo
 
@@ -83,6 +84,7 @@ class MotionCapture:
         self._is_open = False
         self._rest = b""
         self._sequence = 0
+        self._frames_without_body = 0
         self._seen: list[str] = []
         self._first_frame_ns: int | None = None  # since the connection was started
         self._frame_ns = self._pose_ns = 0
@@ -91,6 +93,11 @@ class MotionCapture:
     def name(self) -> str:
         """The instance's name."""
         return self._name
+
+    @property
+    def faults(self) -> Faults:
+        """Frames of the server that did not have the body, since construction."""
+        return Faults({"frames_without_body": self._frames_without_body})
 
     def open(self) -> SourceInfo:
         """Connect and wait for the first pose of the body.
@@ -210,6 +217,7 @@ class MotionCapture:
         self._seen = message["seen"]
         pose = message["pose"]
         if pose is None:
+            self._frames_without_body += 1
             return None
         self._pose_ns = self._frame_ns
         self._sequence += 1

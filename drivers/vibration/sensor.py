@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from drivers.errors import DriverError
+from drivers.faults import NO_FAULTS, Faults
 from drivers.samples import AccelerationSample, Sample, VibrationSample
 from drivers.source import SourceInfo, TickCounter
 from drivers.vibration.profile import load_profile
@@ -58,6 +59,11 @@ class VibrationSensor:
     def statistics(self) -> VibrationStatistics:
         """The counters since `open`; zeros while closed."""
         return self._session.statistics if self._session else VibrationStatistics()
+
+    @property
+    def faults(self) -> Faults:
+        """Bytes, frames and requests that gave no sample, since `open`; none while closed."""
+        return self._session.statistics.faults() if self._session else NO_FAULTS
 
     def open(self) -> SourceInfo:
         """Open the port for this program alone, start the device and wait for a frame from it.

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 from drivers.errors import DriverError
+from drivers.faults import Faults
 from drivers.samples import Sample
 from drivers.vibration.decode import FrameDecoder
 from drivers.vibration.frames import Frame, FrameCounters, FrameParser
@@ -21,6 +22,15 @@ class VibrationStatistics:
 
     frames: FrameCounters = field(default_factory=FrameCounters)
     polls: PollCounters = field(default_factory=PollCounters)
+
+    def faults(self) -> Faults:
+        """Return what was lost; a stream that is not polled has no faults of polling."""
+        lost = asdict(self.frames)
+        del lost["frames"]
+        polls = asdict(self.polls)
+        if polls.pop("requests"):
+            lost |= {f"polls_{name}": count for name, count in polls.items()}
+        return Faults(lost)
 
 
 class VibrationSession:

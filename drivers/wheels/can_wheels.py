@@ -21,6 +21,7 @@ from functools import partial
 
 from drivers.checks import check_positive
 from drivers.errors import DriverError
+from drivers.faults import Faults
 from drivers.samples import CanFrameSample, WheelTwistSample
 from drivers.source import SourceInfo
 from drivers.wheels.can_link import CanCounters, CanLink
@@ -99,6 +100,20 @@ class Wheels:
     def decode_counters(self) -> DecodeCounters:
         """Frames and values that gave no twist since `open`."""
         return self._decoder.counters if self._decoder else DecodeCounters()
+
+    @property
+    def faults(self) -> Faults:
+        """Frames and values that gave nothing; what the bus itself repaired. Since `open`."""
+        bus, decoding = self.bus_counters, self.decode_counters
+        return Faults(
+            {
+                "garbled_frames": bus.garbled,
+                "undecodable_frames": decoding.undecodable,
+                "invalid_values": decoding.invalid_values,
+                "stale_values": decoding.stale_values,
+            },
+            {"bus_error_frames": bus.error_frames},
+        )
 
     def open(self) -> SourceInfo:
         """Read the DBC file and open the bus; a silent bus shows only in `read`.

@@ -12,20 +12,18 @@ from numpy.typing import NDArray
 
 from mapping.cells.cell_layers import CellLayers
 from mapping.cells.grid import Cells
+from mapping.cells.part_kernels import PartConstants, Parts, combine, noise_of_heights, slopes
 from mapping.cells.relief_kernels import surrounding_relief
 from mapping.errors import MappingError
 from mapping.motion.read_out import Rover, place_errors, standing
+from mapping.motion.read_out_kernels import PlaceErrors
 from mapping.settings import MapSettings
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 
-# Share of the spread of an inclined cell that may lie on one side of it unseen, over its slope
-# squared; found on simulated lunar ground, where what is steep over a cell is the rim of something.
-_STEEP_SHARE = np.float32(3.0)
-# A cell with n readings in a frame has this / n^2 of its height from around it: noise carries
-# readings over the border, and where few belong many of those that are there have strayed.
-_SPARSE_PX2 = np.float32(2.0)
+# The exponent's bits of a float32.
+_EXPONENT = np.int32(0x7F800000)
 
 
 class CellState(IntEnum):
@@ -145,74 +143,47 @@ def read_out(
     x_m = _centres_m(first_x, seen.shape[1], settings.resolution_m)
     y_m = _centres_m(first_y, seen.shape[0], settings.resolution_m)
     moved = place_errors(layers, x_m, y_m, rover or standing())
-    slope_y, slope_x = _gradient(layers.elevation_m, ~few, settings.resolution_m)
-    elevation = layers.elevation_m.astype(np.float32)
-    rounding = (np.spacing(np.abs(elevation)) ** 2 / 12.0).astype(np.float32)
-    independent = layers.variance_m2 + rounding + moved.height_m2.astype(np.float32)
-    slope2 = np.square(slope_y) + np.square(slope_x)
-    horizontal = np.square(slope_x) * moved.xx_m2 + np.square(slope_y) * moved.yy_m2
-    horizontal += 2.0 * slope_x * slope_y * moved.xy_m2
-    parts = {
-        "independent_m2": independent,
-        "systematic_m2": _systematic_m2(layers, settings),
-        "relief_m2": _relief_m2(layers, independent, slope2, ~few, settings),
-        "pose_m2": moved.pose_m2.astype(np.float32),
-        "horizontal_m2": np.maximum(horizontal, 0.0).astype(np.float32),
-    }
-    variance = sum(parts.values(), np.zeros(seen.shape, np.float32))
-    start_m2 = settings.horizontal_share * settings.resolution_m**2
-    places = {
-        "horizontal_xx_m2": (moved.xx_m2 + start_m2).astype(np.float32),
-        "horizontal_xy_m2": moved.xy_m2.astype(np.float32),
-        "horizontal_yy_m2": (moved.yy_m2 + start_m2).astype(np.float32),
-    }
+    parts = _parts(layers, ~few, moved, settings)
     return ElevationMap(
         resolution_m=settings.resolution_m,
         x_m=x_m,
         y_m=y_m,
-        elevation_m=_where(seen, elevation),
-        variance_m2=_where(seen, variance),
-        **{name: _where(seen, part) for name, part in (parts | places).items()},
+        **parts._asdict(),
         frames=layers.frames,
         pixels=layers.pixels,
         last_seen_ns=np.where(seen, layers.last_ns, 0),
-        state=_states(layers, few, variance, settings),
         attributes=attributes,
     )
 
 
-def _systematic_m2(layers: CellLayers, settings: MapSettings) -> Float32Array:
-    total: Float32Array = (
-        np.square(layers.systematic_a_m)
-        + np.square(layers.systematic_b_m)
-        + np.square(layers.systematic_c_m)
-        + np.square(layers.systematic_bias_m)
-        + np.float32(settings.mount_sigma_m**2)
+def _parts(
+    layers: CellLayers, confirmed: NDArray[np.bool_], moved: PlaceErrors, settings: MapSettings
+) -> Parts:
+    """Return heights, the parts of their variance, places and states."""
+    shape = confirmed.shape
+    own = [np.empty(shape, np.float32) for _ in Parts._fields[1:-1]]
+    heights = layers.elevation_m.astype(np.float32)
+    out = Parts._make([heights, *own, np.empty(shape, np.uint8)])
+    slope_y, slope_x, around = (np.empty(shape, np.float32) for _ in range(3))
+    slopes(layers.elevation_m, confirmed, settings.resolution_m, slope_y, slope_x)
+    exponents = (heights.view(np.int32) & _EXPONENT).view(np.float32)
+    noise_of_heights(exponents, layers.variance_m2, moved.height_m2, out.independent_m2)
+    surrounding_relief(layers.elevation_m, out.independent_m2, confirmed, around)
+    constants = PartConstants(
+        edge2_m2=settings.resolution_m**2,
+        start_m2=settings.horizontal_share * settings.resolution_m**2,
+        mount_m2=settings.mount_sigma_m**2,
+        relief_share=settings.relief_share,
+        relief_frames=settings.relief_frames,
+        uncertain_m2=settings.uncertain_sigma_m**2,
+        unknown=int(CellState.UNKNOWN),
+        unconfirmed=int(CellState.UNCONFIRMED),
+        measured=int(CellState.MEASURED),
+        uncertain=int(CellState.UNCERTAIN),
+        occluded=int(CellState.OCCLUDED),
     )
-    return total
-
-
-def _relief_m2(
-    layers: CellLayers,
-    independent_m2: Float32Array,
-    slope2: Float32Array,
-    confirmed: NDArray[np.bool_],
-    settings: MapSettings,
-) -> Float32Array:
-    inclined = slope2 * np.float32(settings.resolution_m**2 / 12.0)
-    spread = np.maximum(layers.relief_m2, np.float32(0.0)) + inclined
-    around = np.empty_like(spread)
-    surrounding_relief(layers.elevation_m, independent_m2, confirmed, around)
-    frames = np.maximum(layers.frames, 1)
-    sparse = _SPARSE_PX2 * np.square(frames / np.maximum(layers.pixels, 1))
-    unsampled = settings.relief_share + settings.relief_frames / frames + sparse
-    relief: Float32Array = np.float32(settings.relief_share) * spread
-    relief += np.minimum(_STEEP_SHARE * slope2, np.float32(1.0)) * inclined
-    # More spread than a slope of 60 degrees has: something tall, whose top the bounds must hold.
-    tall_m2 = np.float32(settings.resolution_m**2 / 4.0)
-    relief += np.maximum(layers.relief_m2 - tall_m2, np.float32(0.0))
-    relief += np.minimum(unsampled, 2.0).astype(np.float32) * around
-    return relief
+    combine(layers, confirmed, moved, slope_y, slope_x, around, constants, out)
+    return out
 
 
 def _cut_to_seen(grid: Cells) -> tuple[CellLayers, int, int]:
@@ -233,47 +204,3 @@ def _cut_to_seen(grid: Cells) -> tuple[CellLayers, int, int]:
 
 def _centres_m(first: int, count: int, cell_size_m: float) -> Float64Array:
     return (np.arange(first, first + count, dtype=np.float64) + 0.5) * cell_size_m
-
-
-def _where(seen: NDArray[np.bool_], layer: Float32Array) -> Float32Array:
-    return np.where(seen, layer, np.float32(np.nan))
-
-
-def _gradient(
-    height_m: Float64Array, confirmed: NDArray[np.bool_], cell_size_m: float
-) -> tuple[Float32Array, Float32Array]:
-    """Return dh/dy and dh/dx: central, one-sided beside a gap, 0 between two gaps."""
-    slopes: list[Float32Array] = []
-    for axis in (0, 1):
-        rise = np.zeros(height_m.shape, np.float32)
-        count = np.zeros_like(rise)
-        lower, upper = _neighbours(axis)
-        step = (height_m[upper] - height_m[lower]).astype(np.float32)
-        usable = confirmed[upper] & confirmed[lower]
-        for side in (lower, upper):
-            rise[side] += np.where(usable, step, np.float32(0.0))
-            count[side] += usable
-        rise /= np.maximum(count, 1) * np.float32(cell_size_m)
-        slopes.append(rise)
-    return slopes[0], slopes[1]
-
-
-def _neighbours(axis: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Return the index of every cell that has a next one along the axis, and of the next ones."""
-    first, last = slice(None, -1), slice(1, None)
-    whole = slice(None)
-    return ((first, whole), (last, whole)) if axis == 0 else ((whole, first), (whole, last))
-
-
-def _states(
-    layers: CellLayers,
-    few: NDArray[np.bool_],
-    variance: Float32Array,
-    settings: MapSettings,
-) -> NDArray[np.uint8]:
-    """Return the `CellState` of every cell."""
-    vague = variance >= settings.uncertain_sigma_m**2
-    state = np.where(vague, CellState.UNCERTAIN, CellState.MEASURED)
-    state = np.where(few, CellState.UNCONFIRMED, state)
-    unseen = np.where(layers.hidden > 0, CellState.OCCLUDED, CellState.UNKNOWN)
-    return np.where(layers.frames == 0, unseen, state).astype(np.uint8)

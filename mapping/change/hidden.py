@@ -92,6 +92,25 @@ def _mark_between(
             hidden[(c.first_row + j) % rows, (c.first_column + i) % columns] = 1
 
 
+@njit(inline="always")
+def _after(z_m: Float32Array, row: int, column: int) -> float:
+    """Return a reading, 0 beyond the margin."""
+    inside = (row < z_m.shape[0]) & (column < z_m.shape[1])
+    return float(z_m[row, column]) if inside else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _find_far_neighbours(
+    row: Float32Array, below: Float32Array, right: Float32Array, apart_m: float, found: UInt8Array
+) -> None:
+    """Mark the readings whose neighbour is so far away; no branch, so that it is vectorised."""
+    apart = np.float32(apart_m)
+    for u in range(found.size):
+        is_far = (abs(right[u] - row[u]) > apart) & (right[u] > np.float32(0.0))
+        is_far |= (abs(below[u] - row[u]) > apart) & (below[u] > np.float32(0.0))
+        found[u] = is_far & (row[u] > np.float32(0.0))
+
+
 @njit(cache=True, error_model="numpy")
 def mark_jumps(
     z_m: Float32Array,
@@ -104,39 +123,27 @@ def mark_jumps(
     hidden: UInt8Array,
 ) -> None:
     """Look at each pixel's neighbours to the right and below; `z_m` has a margin of zeros."""
+    width = ray_x.shape[0]
+    far = np.empty(width, np.uint8)
+    apart_m = _CELLS * c.cell_size_m
     for v in range(ray_y.shape[0]):
         row = v + margin
         y = float(ray_y[v])
-        for u in range(ray_x.shape[0]):
+        here, below_row = z_m[row][margin:][:width], z_m[row + 1][margin:][:width]
+        # A little less: float32 rounds, and the exact test comes later.
+        _find_far_neighbours(here, below_row, z_m[row][margin + 1 :][:width], 0.999 * apart_m, far)
+        for u in range(width):
+            if far[u] == 0:
+                continue
             column = u + margin
             z = float(z_m[row, column])
-            if z == 0.0:
-                continue
             right = float(z_m[row, column + 1])
             below = float(z_m[row + 1, column])
             x = float(ray_x[u])
-            if abs(right - z) > _CELLS * c.cell_size_m and _is_jump(
-                float(z_m[row, column - 1]),
-                z,
-                right,
-                _after(z_m, row, column + 2),
-                c.cell_size_m,
-                s,
-            ):
+            before, above = float(z_m[row, column - 1]), float(z_m[row - 1, column])
+            after = _after(z_m, row, column + 2)
+            if abs(right - z) > apart_m and _is_jump(before, z, right, after, c.cell_size_m, s):
                 _mark_between(z, right, x, y, c_ts, c, hidden)
-            if abs(below - z) > _CELLS * c.cell_size_m and _is_jump(
-                float(z_m[row - 1, column]),
-                z,
-                below,
-                _after(z_m, row + 2, column),
-                c.cell_size_m,
-                s,
-            ):
+            after = _after(z_m, row + 2, column)
+            if abs(below - z) > apart_m and _is_jump(above, z, below, after, c.cell_size_m, s):
                 _mark_between(z, below, x, y, c_ts, c, hidden)
-
-
-@njit(inline="always")
-def _after(z_m: Float32Array, row: int, column: int) -> float:
-    """Return a reading, 0 beyond the margin."""
-    inside = (row < z_m.shape[0]) & (column < z_m.shape[1])
-    return float(z_m[row, column]) if inside else 0.0

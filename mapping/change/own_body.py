@@ -54,6 +54,29 @@ def _is_inside(boxes: Float64Array, x: float, y: float, z: float) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
+def _farthest(c: Float64Array, origin_m: Float64Array, boxes_m: Float64Array) -> np.float32:
+    """Return a distance along the optical axis beyond every corner of every box."""
+    farthest = 0.0
+    for k in range(boxes_m.shape[0]):
+        corner = 0.0
+        for axis in range(3):
+            low = c[axis, 2] * (boxes_m[k, axis] - origin_m[axis])
+            high = c[axis, 2] * (boxes_m[k, axis + 3] - origin_m[axis])
+            corner += max(low, high)
+        farthest = max(farthest, corner)
+    return np.float32(farthest * 1.00001 + 1e-5)  # more than float32 rounds off
+
+
+@njit(cache=True, error_model="numpy")
+def _any_within(row: Float32Array, farthest: np.float32) -> bool:
+    """Tell whether a row has a reading so near; no branch, so that it is vectorised."""
+    found = np.int32(0)
+    for u in range(row.size):
+        found |= np.int32((row[u] > np.float32(0.0)) & (row[u] <= farthest))
+    return bool(found > 0)
+
+
+@njit(cache=True, error_model="numpy")
 def drop_readings(
     z_m: Float32Array,
     margin: int,
@@ -65,17 +88,20 @@ def drop_readings(
 ) -> int:
     """Zero the readings inside a box; c = C_RS, origin_m = the sensor in the rover frame."""
     dropped = 0
+    farthest = _farthest(c, origin_m, boxes_m)
     for v in range(ray_y.shape[0]):
+        row = z_m[v + margin]
+        if not _any_within(row, farthest):
+            continue
         y = float(ray_y[v])
         for u in range(ray_x.shape[0]):
-            z = float(z_m[v + margin, u + margin])
-            if z == 0.0:
+            if row[u + margin] > farthest or row[u + margin] == 0.0:
                 continue
-            x = float(ray_x[u])
+            z, x = float(row[u + margin]), float(ray_x[u])
             rover_x = origin_m[0] + z * (c[0, 0] * x + c[0, 1] * y + c[0, 2])
             rover_y = origin_m[1] + z * (c[1, 0] * x + c[1, 1] * y + c[1, 2])
             rover_z = origin_m[2] + z * (c[2, 0] * x + c[2, 1] * y + c[2, 2])
             if _is_inside(boxes_m, rover_x, rover_y, rover_z):
-                z_m[v + margin, u + margin] = 0.0
+                row[u + margin] = 0.0
                 dropped += 1
     return dropped

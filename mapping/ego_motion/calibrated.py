@@ -69,15 +69,11 @@ def calibrated(
     ]
     for part, device in devices.items():
         found = _of_device(folder, part, device) if folder is not None else None
-        source = None if found is None else found[0]
-        file = None if found is None else found[1]
-        for candidate in named if file is None else []:
-            if getattr(candidate, part) is not None:
-                _check_device(candidate, device, part)
-                file, source = candidate, "the recording"
-        if file is None:
+        found = found or _recorded(named, part, device)
+        if found is None:
             notes.append(f"{part}: sigmas are the settings' (no calibration)")
             continue
+        source, file = found
         notes.append(f"{part}: sigmas from {source}, measured on {_name(file.device)}")
         if part == "gyro" and file.gyro is not None:
             settings = _with_gyro(settings, file.gyro)
@@ -104,12 +100,24 @@ def _of_device(folder: Path, part: str, device: DeviceIdentity) -> tuple[str, In
     return found[0] if found else None
 
 
-def _check_device(file: InertialFile, device: DeviceIdentity, part: str) -> None:
-    if file.device.serial and device.serial and file.device.serial != device.serial:
+def _recorded(
+    files: list[InertialFile], part: str, device: DeviceIdentity
+) -> tuple[str, InertialFile] | None:
+    """Return the one of a recording's files that may be of that device; its own goes first."""
+    known = [file for file in files if getattr(file, part) is not None]
+    own = [file for file in known if device.serial and file.device.serial == device.serial]
+    fitting = own or [file for file in known if not (file.device.serial and device.serial)]
+    if known and not fitting:
         raise MappingError(
-            f"the recording's calibration was measured on {_name(file.device)}, its {part} is "
+            f"the recording's calibration was measured on {_name(known[0].device)}, its {part} is "
             f"{_name(device)}; calibrate that device, or give --calibrations with its file"
         )
+    if len(own) > 1:
+        raise MappingError(
+            f"the recording has {len(own)} calibrations of {part} {device.serial}; give "
+            "--calibrations with one file of it"
+        )
+    return ("the recording", fitting[-1]) if fitting else None
 
 
 def _name(device: DeviceIdentity) -> str:
@@ -155,8 +163,11 @@ def _with_accelerometer(
             f"force_scale_{axis}": scale.value
             for axis, scale in zip(axes, found.scale, strict=True)
         }
-    for name, angle in zip(("xy", "xz", "yz"), found.crooked_rad or (), strict=False):
-        changes[f"force_crooked_{name}_rad"] = angle
+    if found.crooked_rad is not None:
+        xy, xz, yz = found.crooked_rad
+        changes["force_crooked_xy_rad"] = xy
+        changes["force_crooked_xz_rad"] = -xz  # the file has T's entry, the settings minus it
+        changes["force_crooked_yz_rad"] = yz
     return replace(settings, **changes)  # type: ignore[arg-type] # none of them is the bool
 
 

@@ -24,15 +24,9 @@ from numpy.typing import NDArray
 
 from mapping.cells.elevation_map import ElevationMap
 from mapping.errors import MappingError
-from mapping.ground.fusion_kernels import (
-    CHUNK,
-    REACH_SIGMA,
-    Fused,
-    Places,
-    Surface,
-    choose_blocks,
-    integrate,
-)
+from mapping.ground.fusion_kernels import CHUNK, Fused, integrate
+from mapping.ground.place_kernels import REACH_SIGMA, Places, choose_blocks, widest_places
+from mapping.ground.surface_kernels import Surface, load_surface, mean_height, over_blocks
 from mapping.judging.evaluation import CONFIRMED
 
 Float32Array = NDArray[np.float32]
@@ -40,8 +34,6 @@ Float64Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _TABLE_SIZE = 257
-# How the layers of a `Surface` are put together over a block, and what they are outside.
-_COMBINED = ((np.add, 0.0),) * 3 + ((np.minimum, np.inf), (np.maximum, -np.inf))
 _WHOLE = (slice(None), slice(None))
 
 
@@ -76,17 +68,19 @@ def fuse_map(map_: ElevationMap, window: tuple[slice, slice] = _WHOLE) -> FusedM
     use = np.isfinite(map_.elevation_m) & np.isfinite(map_.variance_m2)
     use &= (map_.state == CONFIRMED[0]) | (map_.state == CONFIRMED[1])
     places = _places(map_, window, use)
-    level_m = float(map_.elevation_m[use].mean(dtype=np.float64)) if use.any() else 0.0
-    surface = _surface(map_, use, level_m)
-    for block in _sizes(places.blocks):
-        margin = _margin(places, block)
-        blocks = Surface(
-            *(
-                _over_blocks(layer, block, margin, combine, elsewhere)
-                for layer, (combine, elsewhere) in zip(surface, _COMBINED, strict=True)
-            )
-        )
-        integrate(blocks, places, (row + margin, column + margin), block, level_m, _NARROW, out)
+    level_m = mean_height(map_.elevation_m, use)
+    widest = widest_places(places)
+    sizes = [int(block) for block in np.flatnonzero(widest) if block > 0]
+    # How many cells the ellipses, with half a block at their rim, reach beyond the map at most.
+    margin = max((int(REACH_SIGMA * widest[n] ** 0.5) + 3 * n for n in sizes), default=0)
+    surface = _surface(map_, use, level_m, margin)
+    first = row + margin, column + margin
+    for block in sizes:
+        blocks = surface
+        if block > 1:
+            blocks = _empty(surface.share.shape)
+            over_blocks(surface, block, blocks)
+        integrate(blocks, places, first, block, level_m, _NARROW, out)
     return FusedMap(*out)
 
 
@@ -107,51 +101,23 @@ def _places(map_: ElevationMap, window: tuple[slice, slice], use: BoolArray) -> 
     return places
 
 
-def _sizes(blocks: NDArray[np.int64]) -> list[int]:
-    """Return the sizes above 0 that are there, in order."""
-    return [int(n) for n in np.flatnonzero(np.bincount(blocks.reshape(-1))) if n > 0]
-
-
-def _margin(places: Places, block: int) -> int:
-    """Return how many cells the ellipses with such blocks reach beyond the map, at most."""
-    widest = max(
-        float(layer.max(where=places.blocks == block, initial=0.0))
-        for layer in (places.xx, places.yy)
-    )
-    return int(REACH_SIGMA * widest**0.5) + 3 * block
-
-
-def _surface(map_: ElevationMap, use: BoolArray, level_m: float) -> Surface:
-    """Return what is integrated, at every cell, without a margin."""
-    vertical = np.maximum(map_.variance_m2 - map_.horizontal_m2, np.float32(0.0))
-    bound = np.float32(3.0) * np.sqrt(vertical)
-    height = np.where(use, map_.elevation_m.astype(np.float64) - level_m, 0.0)
-    return Surface(
-        use.astype(np.float64),
-        height,
-        np.where(use, height * height + vertical, 0.0),
-        np.where(use, (map_.elevation_m - bound).astype(np.float64), np.inf),
-        np.where(use, (map_.elevation_m + bound).astype(np.float64), -np.inf),
-    )
-
-
-def _over_blocks(
-    layer: Float64Array, block: int, margin: int, combine: np.ufunc, elsewhere: float
-) -> Float64Array:
-    """Return what the block around every cell holds together, with a margin.
+def _surface(map_: ElevationMap, use: BoolArray, level_m: float, margin: int) -> Surface:
+    """Return what is integrated, at every cell.
 
     The margin is wider on the right: cells are worked on in chunks.
     """
-    rows, columns = layer.shape
-    wide = np.full((rows + 2 * margin, columns + 2 * margin + CHUNK), elsewhere)
-    wide[margin : margin + rows, margin : margin + columns] = layer
-    cells = wide.reshape(-1)  # what goes beyond a row's end comes from the margin
-    for step in (1, wide.shape[1]):
-        plain = cells.copy() if block > 1 else cells
-        for away in range(step, block // 2 * step + 1, step):
-            combine(cells[away:], plain[:-away], out=cells[away:])
-            combine(cells[:-away], plain[away:], out=cells[:-away])
-    return wide
+    rows, columns = use.shape
+    surface = _empty((rows + 2 * margin, columns + 2 * margin + CHUNK))
+    layers = map_.elevation_m, map_.variance_m2, map_.horizontal_m2
+    load_surface(*layers, use, level_m, margin, surface)
+    return surface
+
+
+def _empty(shape: tuple[int, ...]) -> Surface:
+    """Return a surface of which no cell counts."""
+    return Surface(
+        *(np.full(shape, value, np.float32) for value in (0.0, 0.0, 0.0, np.inf, -np.inf))
+    )
 
 
 def narrow_table() -> Float64Array:

@@ -1,9 +1,9 @@
-"""The per-cell loops of `mapping.ground.layers` (numba, cached, no fast-math, fixed order of sums).
+"""The planes of `mapping.ground.layers` (numba, cached, no fast-math, fixed order of sums).
 
 A disc of cells is given by `half`: half[k] is how many cells it reaches to either side in the
-rows that are k away from its centre. Arrays called "padded" have half.size - 1 more cells of "no
-cell" on every side. The innermost loops run along a row over two or three arrays, so that the
-compiler can vectorise them; the sums of a disc are always added in the same order.
+rows that are k away from its centre. The innermost loops run along a row over few arrays and
+without a branch, so that the compiler can vectorise them; the sums of a disc are always added in
+the same order.
 """
 
 from __future__ import annotations
@@ -17,11 +17,19 @@ from numpy.typing import NDArray
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+# xx, xy, yy, xz, yz, zz.
+Moments = tuple[float, float, float, float, float, float]
 
+# Columns that are worked on together: their sums stay in the cache, and stand at constant distances
+# from each other, so that the compiler can turn loops into vector instructions.
+_CHUNK = 152
 # Sums over a part of a row: cells, x, z, x^2, x z, z^2, noise, variance.
-_N, _X, _Z, _XX, _XZ, _ZZ, _S, _V, _ROW_SUMS = range(9)
+_N, _X, _Z, _XX, _XZ, _ZZ, _S, _V, _ROW_SUMS = range(0, 9 * _CHUNK, _CHUNK)
 # Sums over a disc: those of its rows; then y, x y, y z, which are y times the first three; y^2.
-_Y, _XY, _YZ, _YY, _DISC_SUMS = range(8, 13)
+_Y, _XY, _YZ, _YY, _DISC_SUMS = range(8 * _CHUNK, 13 * _CHUNK, _CHUNK)
+# What is found of a plane: smallest eigenvalue, whether it needs more steps; normal, sigma of the
+# slope, roughness, and its part from noise.
+_ROOT, _OPEN, _NX, _NY, _NZ, _SIGMA, _ROUGH, _NOISE, _PLANE = range(0, 9 * _CHUNK, _CHUNK)
 # Newton's step from the left converges to the smallest root without passing it; halving of the
 # error, the worst case (a double root), reaches the limit of float64 in as many steps.
 _NEWTON_STEPS_MAX = 60
@@ -68,65 +76,81 @@ def plane_layers(cells: Cells, half: IntArray, cells_min: int, out: PlaneLayers)
         cells: the cells.
         half: the disc.
         cells_min: discs of fewer cells get NaN, and those whose centre does not count.
-        out: the result, all NaN before.
+        out: the result.
     """
     reach = half.size - 1
     rows, columns = cells.use.shape
     # Sums of the discs that are not complete yet; that of row t at [t % rows of a disc].
     period = 2 * reach + 1
-    discs = np.zeros((period, _DISC_SUMS, columns))
-    sums = np.empty((_ROW_SUMS, columns))
-    row = np.zeros((4, columns + 2 * reach))
-    for i in range(rows + reach):
-        if i < rows:
-            _load_row(cells, i, row[:, reach : reach + columns])
-            sums[:] = 0.0
-            for width in range(half[0] + 1):
-                _widen(sums, row, width, reach)
-                for dy in range(-reach, reach + 1):
-                    if half[abs(dy)] == width:
-                        _add_row(discs[(i - dy) % period], sums, dy)
-        complete = (i - reach) % period
-        if i >= reach:
-            _solve_row(discs[complete], cells, cells_min, i - reach, out)
-        discs[complete] = 0.0
+    discs = np.empty((period, _DISC_SUMS))
+    sums, plane = np.empty(_ROW_SUMS), np.empty(_PLANE)
+    row = np.zeros((4, _CHUNK + 2 * reach))
+    for first in range(0, columns, _CHUNK):
+        discs[:] = 0.0
+        for i in range(rows + reach):
+            if i < rows:
+                _load_row(cells, i, first - reach, row)
+                sums[:] = 0.0
+                for width in range(half[0] + 1):
+                    _widen(sums, row, width, reach)
+                    for dy in range(-reach, reach + 1):
+                        if half[abs(dy)] == width:
+                            _add_row(discs[(i - dy) % period], sums, dy)
+            complete = discs[(i - reach) % period]
+            if i >= reach:
+                _find_roots(complete, plane)
+                _judge(complete, plane, cells.edge_m)
+                _write(complete, plane, cells, cells_min, i - reach, first, out)
+            complete[:] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def _load_row(cells: Cells, i: int, row: Float64Array) -> None:
+def _load_row(cells: Cells, i: int, first: int, row: Float64Array) -> None:
     """Write 1, height and both variances in units of a cell's edge; zeros where no cell counts.
 
     Around the middle of the map and in such units, sums of squares are exact to 1e-15 of them.
+    `first`: column of the map at which the row begins; it may lie beside the map.
     """
     scale = 1.0 / cells.edge_m
-    for j in range(row.shape[1]):
-        counts = cells.use[i, j]
-        row[0, j] = 1.0 if counts else 0.0
-        row[1, j] = scale * (cells.height_m[i, j] - cells.middle_m) if counts else 0.0
-        row[2, j] = scale * scale * cells.noise_m2[i, j] if counts else 0.0
-        row[3, j] = scale * scale * cells.local_m2[i, j] if counts else 0.0
+    row[:] = 0.0
+    start, end = max(-first, 0), min(row.shape[1], cells.use.shape[1] - first)
+    there = slice(first + start, first + end)
+    use = cells.use[i][there]
+    for j in range(use.size):
+        row[0, start + j] = 1.0 if use[j] else 0.0
+    _load(row[1][start:], use, cells.height_m[i][there], cells.middle_m, scale)
+    _load(row[2][start:], use, cells.noise_m2[i][there], 0.0, scale * scale)
+    _load(row[3][start:], use, cells.local_m2[i][there], 0.0, scale * scale)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy")
+def _load(
+    row: Float64Array, use: NDArray[np.bool_], values: Float32Array, middle: float, scale: float
+) -> None:
+    for j in range(use.size):
+        value = scale * (values[j] - middle)
+        row[j] = value if use[j] else 0.0
+
+
+@njit(cache=True, error_model="numpy")
 def _widen(sums: Float64Array, row: Float64Array, width: int, reach: int) -> None:
     """Add the two cells at `width` to either side of every centre to the sums."""
     right, left = reach + width, reach - width
-    end_right, end_left = right + sums.shape[1], left + sums.shape[1]
     # Slices of whole rows: only of those does the compiler know that they are contiguous.
-    n_right, n_left = row[0][right:end_right], row[0][left:end_left]
-    z_right, z_left = row[1][right:end_right], row[1][left:end_left]
-    s_right, s_left = row[2][right:end_right], row[2][left:end_left]
-    v_right, v_left = row[3][right:end_right], row[3][left:end_left]
+    n_right, n_left = row[0][right:], row[0][left:]
+    z_right, z_left = row[1][right:], row[1][left:]
     once = 1.0 if width else 0.5  # the centre is its own mirror image
-    _add_pair(sums[_N], n_right, n_left, once)
-    _add_pair(sums[_Z], z_right, z_left, once)
-    _add_squares(sums[_ZZ], z_right, z_left, once)
-    _add_pair(sums[_S], s_right, s_left, once)
-    _add_pair(sums[_V], v_right, v_left, once)
-    if width:
-        _add_difference(sums[_X], n_right, n_left, width)
-        _add_pair(sums[_XX], n_right, n_left, width * width)
-        _add_difference(sums[_XZ], z_right, z_left, width)
+    w = float(width)
+    for j in range(_CHUNK):
+        sums[_N + j] += once * (n_right[j] + n_left[j])
+        sums[_X + j] += w * (n_right[j] - n_left[j])
+        sums[_XX + j] += w * w * (n_right[j] + n_left[j])
+    for j in range(_CHUNK):
+        sums[_Z + j] += once * (z_right[j] + z_left[j])
+        sums[_ZZ + j] += once * (z_right[j] * z_right[j] + z_left[j] * z_left[j])
+        sums[_XZ + j] += w * (z_right[j] - z_left[j])
+    _add_pair(sums[_S:][:_CHUNK], row[2][right:], row[2][left:], once)
+    _add_pair(sums[_V:][:_CHUNK], row[3][right:], row[3][left:], once)
 
 
 @njit(cache=True, error_model="numpy")
@@ -136,153 +160,123 @@ def _add_pair(total: Float64Array, a: Float64Array, b: Float64Array, factor: flo
 
 
 @njit(cache=True, error_model="numpy")
-def _add_squares(total: Float64Array, a: Float64Array, b: Float64Array, factor: float) -> None:
-    for j in range(total.size):
-        total[j] += factor * (a[j] * a[j] + b[j] * b[j])
-
-
-@njit(cache=True, error_model="numpy")
-def _add_difference(total: Float64Array, a: Float64Array, b: Float64Array, factor: float) -> None:
-    for j in range(total.size):
-        total[j] += factor * (a[j] - b[j])
-
-
-@njit(cache=True, error_model="numpy")
 def _add_row(disc: Float64Array, sums: Float64Array, dy: int) -> None:
     """Add the sums of a row that is `dy` from the centre to those of the disc."""
-    _add_scaled(disc[:_ROW_SUMS], sums, 1.0)
-    if dy:
-        _add_scaled(disc[_Y : _YZ + 1], sums[_N : _Z + 1], dy)
-        _add_scaled(disc[_YY : _YY + 1], sums[_N : _N + 1], dy * dy)
+    y = float(dy)
+    for j in range(_CHUNK):
+        n, x, z = sums[_N + j], sums[_X + j], sums[_Z + j]
+        disc[_N + j] += n
+        disc[_X + j] += x
+        disc[_Z + j] += z
+        disc[_Y + j] += y * n
+        disc[_XY + j] += y * x
+        disc[_YZ + j] += y * z
+        disc[_YY + j] += y * y * n
+    for j in range(_XX, _ROW_SUMS):
+        disc[j] += sums[j]
 
 
-@njit(cache=True, error_model="numpy")
-def _add_scaled(total: Float64Array, a: Float64Array, factor: float) -> None:
-    flat, added = total.reshape(-1), a.reshape(-1)  # one long loop
-    for j in range(flat.size):
-        flat[j] += factor * added[j]
+@njit(inline="always")
+def _moments(disc: Float64Array, j: int) -> Moments:
+    """Return the sums of squares around the mean of the cells of a disc."""
+    n = disc[_N + j] if disc[_N + j] > 1.0 else 1.0
+    mx, my, mz = disc[_X + j] / n, disc[_Y + j] / n, disc[_Z + j] / n
+    xx, xy = disc[_XX + j] - mx * disc[_X + j], disc[_XY + j] - mx * disc[_Y + j]
+    yy, zz = disc[_YY + j] - my * disc[_Y + j], disc[_ZZ + j] - mz * disc[_Z + j]
+    xz, yz = disc[_XZ + j] - mx * disc[_Z + j], disc[_YZ + j] - my * disc[_Z + j]
+    return xx, xy, yy, xz, yz, zz
 
 
-@njit(cache=True, error_model="numpy")
-def _solve_row(disc: Float64Array, cells: Cells, cells_min: int, i: int, out: PlaneLayers) -> None:
-    """Turn the sums of the discs around row `i` into layers."""
-    edge_m = cells.edge_m
-    for j in range(disc.shape[1]):
-        n = disc[_N, j]
-        if not cells.use[i, j] or n < cells_min:
-            continue
-        mx, my, mz = disc[_X, j] / n, disc[_Y, j] / n, disc[_Z, j] / n
-        xx, xy = disc[_XX, j] - mx * disc[_X, j], disc[_XY, j] - mx * disc[_Y, j]
-        yy, zz = disc[_YY, j] - my * disc[_Y, j], disc[_ZZ, j] - mz * disc[_Z, j]
-        xz, yz = disc[_XZ, j] - mx * disc[_Z, j], disc[_YZ, j] - my * disc[_Z, j]
-        # Spread of the cells across the line that they lie along; none: no plane.
-        across = 0.5 * (xx + yy - np.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy))
-        if across <= _ROUNDING * (xx + yy):
-            continue
-        spread = _smallest_eigenvalue(xx, xy, yy, xz, yz, zz)
-        a, b = xx - spread, yy - spread
-        x, y, z = xy * yz - b * xz, xy * xz - a * yz, max(a * b - xy * xy, 0.0)
-        length = np.sqrt(x * x + y * y + z * z)
-        cosine = 0.0
-        if length > _ROUNDING * (xx + yy) * (xx + yy):
-            cosine = z / length
-            out.normal_x[i, j] = x / length
-            out.normal_y[i, j] = y / length
-        out.normal_z[i, j] = cosine
-        out.slope_sigma_rad[i, j] = np.sqrt(disc[_V, j] / n / across) * cosine * cosine
-        out.roughness_m[i, j] = edge_m * np.sqrt(spread / (n - 1.0))
-        noise_m = edge_m * np.sqrt(disc[_S, j] / n * (n - 3.0) / (n - 1.0))
-        out.roughness_noise_m[i, j] = cosine * noise_m
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _smallest_eigenvalue(xx: float, xy: float, yy: float, xz: float, yz: float, zz: float) -> float:
-    """Return the smallest root of det(A - root I), 0 or more, for the symmetric matrix A."""
+@njit(inline="always")
+def _step(m: Moments, root: float) -> float:
+    """Return Newton's step towards the smallest root of det(A - root I), 0 at the root."""
+    xx, xy, yy, xz, yz, zz = m
     trace = xx + yy + zz
     minors = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz
     determinant = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
-    root = 0.0
-    for _ in range(_NEWTON_STEPS_MAX):
-        value = determinant - root * (minors - root * (trace - root))
-        fall = minors - root * (2.0 * trace - 3.0 * root)
-        if value <= 0.0 or fall <= 0.0:
-            break
-        step = value / fall
-        root += step
-        if step <= 1e-6 * root:  # the error left is its square
-            break
-    return root
+    value = determinant - root * (minors - root * (trace - root))
+    fall = minors - root * (2.0 * trace - 3.0 * root)
+    onwards = (value > 0.0) & (fall > 0.0)
+    # Selected before, so that no branch is left.
+    return float((value if onwards else 0.0) / (fall if onwards else 1.0))
 
 
 @njit(cache=True, error_model="numpy")
-def step_heights(
-    high: Float32Array, low: Float32Array, half: IntArray, cells_min: int, out: Float32Array
-) -> None:
-    """Write the range of heights in every disc.
+def _find_roots(disc: Float64Array, plane: Float64Array) -> None:
+    """Find the smallest eigenvalues, 0 or more, of the moments of a chunk's discs.
 
-    Args:
-        high, low: padded heights; -inf and inf where there is no cell.
-        half: the disc.
-        cells_min: discs with fewer cells stay as they are, and those whose centre is no cell.
-        out: (rows, columns), all NaN before.
+    Four steps suffice where the cells hardly leave their plane; who needs more goes on alone.
     """
-    reach = half.size - 1
-    rows, columns = out.shape
-    top, bottom = np.empty(columns, np.float32), np.empty(columns, np.float32)
-    count = np.empty(columns, np.int32)
-    for i in range(rows):
-        top[:], bottom[:], count[:] = -np.inf, np.inf, 0
-        for dy in range(-reach, reach + 1):
-            row = i + reach + dy
-            for dx in range(reach - half[abs(dy)], reach + half[abs(dy)] + 1):
-                _raise(top, high[row, dx : dx + columns])
-                _lower(bottom, low[row, dx : dx + columns])
-                _count_above(count, high[row, dx : dx + columns], -np.inf)
-        for j in range(columns):
-            if high[i + reach, j + reach] > -np.inf and count[j] >= cells_min:
-                out[i, j] = top[j] - bottom[j]
+    for j in range(_CHUNK):
+        m = _moments(disc, j)
+        root = _step(m, 0.0)
+        root += _step(m, root)
+        root += _step(m, root)
+        last = _step(m, root)
+        root += last
+        plane[_ROOT + j] = root
+        # The error that a step leaves is its square.
+        plane[_OPEN + j] = 1.0 if last > 1e-6 * root else 0.0
+    for j in range(_CHUNK):
+        if plane[_OPEN + j] > 0.0:
+            m, root = _moments(disc, j), plane[_ROOT + j]
+            for _ in range(_NEWTON_STEPS_MAX):
+                last = _step(m, root)
+                root += last
+                if last <= 1e-6 * root:
+                    break
+            plane[_ROOT + j] = root
 
 
 @njit(cache=True, error_model="numpy")
-def supported_steps(
-    steps: Float32Array, half: IntArray, critical_m: float, critical_cells: int, out: Float32Array
+def _judge(disc: Float64Array, plane: Float64Array, edge_m: float) -> None:
+    """Find what the planes of a chunk tell; NaN where the cells of a disc make no plane."""
+    for j in range(_CHUNK):
+        n, spread = disc[_N + j], plane[_ROOT + j]
+        xx, xy, yy, xz, yz, _ = _moments(disc, j)
+        # Spread of the cells across the line that they lie along; none: no plane.
+        across = 0.5 * (xx + yy - np.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy))
+        a, b = xx - spread, yy - spread
+        x, y, z = xy * yz - b * xz, xy * xz - a * yz, a * b - xy * xy
+        z = z if z > 0.0 else 0.0
+        length = np.sqrt(x * x + y * y + z * z)
+        is_plane = across > _ROUNDING * (xx + yy)
+        is_upright = length <= _ROUNDING * (xx + yy) * (xx + yy)
+        lying = (0.0 if is_upright else 1.0) / (1.0 if is_upright else length)
+        cosine = z * lying
+        plane[_NX + j] = np.nan if is_upright else x * lying
+        plane[_NY + j] = np.nan if is_upright else y * lying
+        plane[_NZ + j] = cosine if is_plane else np.nan
+        plane[_SIGMA + j] = np.sqrt(disc[_V + j] / n / across) * cosine * cosine
+        plane[_ROUGH + j] = edge_m * np.sqrt(spread / (n - 1.0))
+        noise_m = edge_m * np.sqrt(disc[_S + j] / n * (n - 3.0) / (n - 1.0))
+        plane[_NOISE + j] = cosine * noise_m
+
+
+@njit(cache=True, error_model="numpy")
+def _write(
+    disc: Float64Array,
+    plane: Float64Array,
+    cells: Cells,
+    cells_min: int,
+    i: int,
+    first: int,
+    out: PlaneLayers,
 ) -> None:
-    """Write min(1, steps above critical / critical_cells) times the largest step of every disc.
-
-    Args:
-        steps: padded; -inf where there is none.
-        half: the disc.
-        critical_m, critical_cells: a step counts from this height, and fully with so many.
-        out: (rows, columns), all NaN before; stays so where the centre has no step.
-    """
-    reach = half.size - 1
-    rows, columns = out.shape
-    top, count = np.empty(columns, np.float32), np.empty(columns, np.int32)
-    for i in range(rows):
-        top[:], count[:] = -np.inf, 0
-        for dy in range(-reach, reach + 1):
-            row = i + reach + dy
-            for dx in range(reach - half[abs(dy)], reach + half[abs(dy)] + 1):
-                _raise(top, steps[row, dx : dx + columns])
-                _count_above(count, steps[row, dx : dx + columns], critical_m)
-        for j in range(columns):
-            if steps[i + reach, j + reach] > -np.inf:
-                out[i, j] = top[j] * min(1.0, count[j] / critical_cells)
+    """Write the layers of row `i` where a cell counts and its disc has enough cells and a plane."""
+    use = cells.use[i][first:][:_CHUNK]
+    for j in range(use.size):
+        counts = use[j] & (disc[_N + j] >= cells_min) & (plane[_NZ + j] >= 0.0)
+        plane[_OPEN + j] = 0.0 if counts else np.nan  # added to what is written
+    _store(plane, _NX, out.normal_x[i][first:][:_CHUNK])
+    _store(plane, _NY, out.normal_y[i][first:][:_CHUNK])
+    _store(plane, _NZ, out.normal_z[i][first:][:_CHUNK])
+    _store(plane, _SIGMA, out.slope_sigma_rad[i][first:][:_CHUNK])
+    _store(plane, _ROUGH, out.roughness_m[i][first:][:_CHUNK])
+    _store(plane, _NOISE, out.roughness_noise_m[i][first:][:_CHUNK])
 
 
-@njit(cache=True, error_model="numpy")
-def _raise(top: Float32Array, values: Float32Array) -> None:
-    for j in range(top.size):
-        top[j] = max(top[j], values[j])
-
-
-@njit(cache=True, error_model="numpy")
-def _lower(bottom: Float32Array, values: Float32Array) -> None:
-    for j in range(bottom.size):
-        bottom[j] = min(bottom[j], values[j])
-
-
-@njit(cache=True, error_model="numpy")
-def _count_above(count: NDArray[np.int32], values: Float32Array, limit: float) -> None:
-    for j in range(count.size):
-        count[j] += values[j] > limit
+@njit(inline="always")
+def _store(plane: Float64Array, what: int, out: Float32Array) -> None:
+    for j in range(out.size):
+        out[j] = np.float32(plane[what + j] + plane[_OPEN + j])

@@ -27,13 +27,8 @@ from numpy.typing import NDArray
 
 from mapping.cells.elevation_map import ElevationMap
 from mapping.errors import MappingError
-from mapping.ground.layer_kernels import (
-    Cells,
-    PlaneLayers,
-    plane_layers,
-    step_heights,
-    supported_steps,
-)
+from mapping.ground.layer_kernels import Cells, PlaneLayers, plane_layers
+from mapping.ground.step_kernels import step_heights, supported_steps
 from mapping.judging.evaluation import CONFIRMED
 
 Float32Array = NDArray[np.float32]
@@ -157,7 +152,7 @@ def _cells_min(half: NDArray[np.int64], share: float, least: int) -> int:
 
 def _planes(map_: ElevationMap, confirmed: BoolArray, settings: LayerSettings) -> PlaneLayers:
     half = disc(settings.plane_radius_m, map_.resolution_m)
-    out = PlaneLayers(*(np.full(map_.state.shape, np.nan, np.float32) for _ in PlaneLayers._fields))
+    out = PlaneLayers(*(np.empty(map_.state.shape, np.float32) for _ in PlaneLayers._fields))
     cells = Cells(
         use=confirmed,
         height_m=map_.elevation_m,
@@ -184,28 +179,11 @@ def _steps(
 ) -> tuple[Float32Array, Float32Array]:
     """Return the step heights and the supported ones."""
     half = disc(settings.step_radius_m, map_.resolution_m)
-    steps, supported = (np.full(map_.state.shape, np.nan, np.float32) for _ in range(2))
-    step_heights(
-        _padded(map_.elevation_m, confirmed, half, -np.inf),
-        _padded(map_.elevation_m, confirmed, half, np.inf),
-        half,
-        _cells_min(half, settings.support_share, _STEP_CELLS_MIN),
-        steps,
-    )
-    padded = _padded(steps, np.isfinite(steps), half, -np.inf)
-    supported_steps(padded, half, settings.critical_step_m, settings.step_cells, supported)
+    cells_min = _cells_min(half, settings.support_share, _STEP_CELLS_MIN)
+    steps, supported = (np.empty(map_.state.shape, np.float32) for _ in range(2))
+    step_heights(map_.elevation_m, confirmed, half, cells_min, steps)
+    supported_steps(steps, half, settings.critical_step_m, settings.step_cells, supported)
     return steps, supported
-
-
-def _padded(
-    layer: Float32Array, use: BoolArray, half: NDArray[np.int64], elsewhere: float
-) -> Float32Array:
-    """Return a layer with `elsewhere` in unused cells and around it."""
-    reach = half.size - 1
-    rows, columns = layer.shape
-    padded = np.full((rows + 2 * reach, columns + 2 * reach), elsewhere, np.float32)
-    np.copyto(padded[reach : reach + rows, reach : reach + columns], layer, where=use)
-    return padded
 
 
 def score(layer: Float32Array, critical: float) -> Float32Array:

@@ -6,6 +6,8 @@ error of every pixel in all its frames: that much of their noise they share.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mapping.geometry import RigidTransform, UncertainPose
@@ -20,6 +22,13 @@ _TURN_RAD = 0.02
 _JITTER = 9.0
 
 
+class Rest(NamedTuple):
+    """Where the camera first was (optical frame in T), and how many frames came after that one."""
+
+    place: RigidTransform
+    repeats: int
+
+
 class Repeats:
     """Counts them, from the poses alone.
 
@@ -29,12 +38,15 @@ class Repeats:
     Args:
         jittering: whether every pose is wrong anew, by its own covariance, so that a camera at
             rest seems to move; the errors of a filter's poses move with the camera instead.
+        rest: as the run before has left it; None = no frame was taken yet.
+
+    Attributes:
+        rest: the place of the last frame, and how many were taken there before it.
     """
 
-    def __init__(self, *, jittering: bool) -> None:
+    def __init__(self, *, jittering: bool, rest: Rest | None = None) -> None:
         self._jitter = _JITTER if jittering else 0.0
-        self._place: RigidTransform | None = None
-        self._repeats = 0
+        self.rest = rest
 
     def count(self, sensor: RigidTransform, body: UncertainPose) -> int:
         """Return how many frames before this one are alike; call it once for every frame.
@@ -43,12 +55,11 @@ class Repeats:
             sensor: the camera's optical frame in T.
             body: the pose that it hangs on, with its covariance.
         """
-        if self._place is None or self._has_left(self._place, sensor, body):
-            self._place = sensor
-            self._repeats = 0
+        if self.rest is None or self._has_left(self.rest.place, sensor, body):
+            self.rest = Rest(sensor, 0)
         else:
-            self._repeats += 1
-        return self._repeats
+            self.rest = Rest(self.rest.place, self.rest.repeats + 1)
+        return self.rest.repeats
 
     def _has_left(self, place: RigidTransform, sensor: RigidTransform, body: UncertainPose) -> bool:
         """Compare squared motions with what leaves a place and what the pose's error feigns."""

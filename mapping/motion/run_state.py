@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from mapping.geometry import UncertainPose
 from mapping.motion.read_out import Rover, standing
+from mapping.motion.repeats import Rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,12 +19,14 @@ class RunState:
         pose: T_TB of its last frame or motion; None before the first.
         told: T_TB at the end of the last motion that was told; None where none ever is.
         slid_rad: by how much the map was found to have slid against gravity.
+        rest: where the camera was at its last frame, and since how many; None before the first.
     """
 
     rover: Rover
     pose: UncertainPose | None
     told: UncertainPose | None
     slid_rad: float
+    rest: Rest | None = None
 
 
 def fresh_run() -> RunState:

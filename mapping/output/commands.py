@@ -36,6 +36,7 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
         help="this rectangle of a world, in metres (all of it)",
     )
     parser.add_argument("--figures", type=Path, metavar="DIR", help="draw all figures into DIR")
+    parser.add_argument("--json", action="store_true", help="print what was written as JSON")
 
 
 def run_export(options: argparse.Namespace, console: Console) -> int:
@@ -55,10 +56,17 @@ def run_export(options: argparse.Namespace, console: Console) -> int:
     if options.output:
         write = write_map if options.output.suffix == ".nc" else export
         write(map_, options.output)
-        console.lines([str(options.output)])
     if options.figures:
         draw(map_, options.figures, console)
-        console.lines([str(options.figures)])
+    written = {"output": options.output, "figures": options.figures}
+    if options.json:
+        cells = int(map_.known.sum())
+        console.json(
+            {name: str(path) if path else None for name, path in written.items()}
+            | {"shape": list(map_.state.shape), "known_cells": cells, "sha256": map_.sha256()}
+        )
+    else:
+        console.lines(str(path) for path in written.values() if path)
     return OK
 
 

@@ -129,6 +129,7 @@ def summarise_run(result: MapResult, output: str) -> RunSummary:
 def _warnings(result: MapResult) -> list[str]:
     report, counts = result.report, result.counts
     lines = [f"not mapped, damaged: {damage.describe()}" for damage in report.damaged]
+    lines += [result.noise_warning] if result.noise_warning else []
     lines += result.inertial.warnings if result.inertial is not None else ()
     if not report.complete:
         lines.append(

@@ -24,6 +24,7 @@ from mapping.geometry import RigidTransform, UncertainPose
 from mapping.motion.ledger import Motions
 from mapping.motion.pose_errors import PoseErrorModel
 from mapping.motion.read_out import Rover
+from mapping.motion.repeats import Rest
 from mapping.motion.run_state import RunState
 
 Float64Array = NDArray[np.float64]
@@ -90,6 +91,7 @@ class RunFile:
             "pose": _as_json(saved.run.pose),
             "told": _as_json(saved.run.told),
             "slid_rad": saved.run.slid_rad,
+            "rest": _rest_as_json(saved.run.rest),
         }
         with replacing(self._folder / RUN_FILE) as temporary:
             temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -128,7 +130,9 @@ def _run_of(found: dict[str, Any], sums: Float64Array) -> RunState:
     motions = Motions(sums, len(sums) - 1, anchor_x_m, anchor_y_m)
     rover = Rover(x_m, y_m, motions, PoseErrorModel(**found["pose_errors"]))
     pose, told = _pose_of(found["pose"]), _pose_of(found["told"])
-    return RunState(rover, pose, told, float(found["slid_rad"]))
+    # Worlds of before the camera's rest was kept have none.
+    rest = _rest_of(found.get("rest"))
+    return RunState(rover, pose, told, float(found["slid_rad"]), rest)
 
 
 def _as_json(pose: UncertainPose | None) -> dict[str, Any] | None:
@@ -136,17 +140,33 @@ def _as_json(pose: UncertainPose | None) -> dict[str, Any] | None:
         return None
     return {
         "t_ns": pose.t_ns,
-        "rotation": pose.transform.rotation.tolist(),
-        "translation_m": pose.transform.translation_m.tolist(),
+        **_transform_as_json(pose.transform),
         "covariance": pose.covariance.tolist(),
+    }
+
+
+def _rest_as_json(rest: Rest | None) -> dict[str, Any] | None:
+    return None if rest is None else {**_transform_as_json(rest.place), "repeats": rest.repeats}
+
+
+def _transform_as_json(transform: RigidTransform) -> dict[str, Any]:
+    return {
+        "rotation": transform.rotation.tolist(),
+        "translation_m": transform.translation_m.tolist(),
     }
 
 
 def _pose_of(found: dict[str, Any] | None) -> UncertainPose | None:
     if found is None:
         return None
-    rotation, translation_m, covariance = (
-        np.array(found[name], np.float64).reshape(shape)
-        for name, shape in (("rotation", (3, 3)), ("translation_m", 3), ("covariance", (6, 6)))
-    )
-    return UncertainPose(int(found["t_ns"]), RigidTransform(rotation, translation_m), covariance)
+    covariance = np.array(found["covariance"], np.float64).reshape(6, 6)
+    return UncertainPose(int(found["t_ns"]), _transform_of(found), covariance)
+
+
+def _rest_of(found: dict[str, Any] | None) -> Rest | None:
+    return None if found is None else Rest(_transform_of(found), int(found["repeats"]))
+
+
+def _transform_of(found: dict[str, Any]) -> RigidTransform:
+    rotation = np.array(found["rotation"], np.float64).reshape(3, 3)
+    return RigidTransform(rotation, np.array(found["translation_m"], np.float64).reshape(3))

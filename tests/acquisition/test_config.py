@@ -21,7 +21,7 @@ from acquisition.recording.ring_output import RingOutput
 from acquisition.replay import Replay
 from drivers.errors import DriverError
 from drivers.samples import DepthFrame
-from mapping.session import recorded_settings
+from mapping.recorded import recorded_settings
 from mapping.settings import MapSettings
 
 FILE = Path("/etc/terravibe/rover.toml")

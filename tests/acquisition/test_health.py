@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from acquisition.health.diagnostics import Diagnostics, Level
+from acquisition.health.diagnostics import DeviceStatus, Diagnostics, Level
 from acquisition.health.snapshot import (
     HealthSnapshot,
     SourceHealth,
@@ -23,6 +23,7 @@ from acquisition.health.stream_track import StreamStatistics
 from acquisition.health.views import lines_of, table_of, totals_of
 from acquisition.messages import codec
 from acquisition.recording.sample_queue import QueueState
+from drivers.faults import Faults
 
 FIGURES = StreamStatistics(4000, 0, 0, 0.0, 0.0, 0, 399.8, 400.0, 0.00021)
 QUEUE = QueueState(3, 3072, 64_000_000, 9000, 0)
@@ -81,6 +82,28 @@ def test_diagnostics_carry_every_figure_and_can_be_recorded() -> None:
     (encoded,) = codec.encode(said)
     row = codec.rows_of(Diagnostics)[0]
     assert codec.decode(row, encoded.cdr, log_time_ns=0, sequence=0) == said
+
+
+def test_what_a_driver_counts_is_in_every_view() -> None:
+    faults = Faults({"checksum_errors": 3, "resyncs": 0}, {"failed_transfers": 2})
+    source = replace(GYRO, faults=faults)
+    snapshot = replace(SNAPSHOT, sources=(source,))
+    (_, said) = diagnostics_of(snapshot).statuses
+    assert (said.level, said.message) == (Level.WARN, "3 checksum errors")
+    assert (said.values["lost checksum_errors"], said.values["lost resyncs"]) == ("3", "0")
+    assert said.faults() == faults
+    (total,) = totals_of(snapshot)
+    assert total.endswith("0 dropped, 3 checksum errors; mended: 2 failed transfers")
+    assert "3 checksum errors; mended: 2 failed transfers" in lines_of(snapshot)[1]
+    record = json.loads(statistics_record(snapshot)["source.gyro"])
+    assert record["faults"]["lost"]["checksum_errors"] == 3
+    only_mended = replace(source, faults=Faults({}, {"failed_transfers": 2}))
+    assert status_of(only_mended)[0] is Level.OK
+
+
+def test_values_of_others_are_no_counts() -> None:
+    status = DeviceStatus(Level.OK, "x", "", "", {"lost track": "yes", "lost ticks": "4"})
+    assert status.faults() == Faults({"ticks": 4})
 
 
 def test_json_and_the_closing_record_are_json() -> None:

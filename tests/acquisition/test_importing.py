@@ -35,7 +35,11 @@ def test_everything_is_recorded(tmp_path: Path) -> None:
         settings=SETTINGS,
         progress=steps.append,
     )
-    assert (summary.info, summary.samples) == (SOURCE, len(content))
+    assert (summary.info, sum(summary.samples.values())) == (SOURCE, len(content))
+    stamps = [sample.t_ns for sample in content]
+    said = summary.as_json()
+    assert said["duration_s"] == (max(stamps) - min(stamps)) * 1e-9
+    assert said["bytes"] == (tmp_path / "r.mcap").stat().st_size
     assert steps == sorted(steps)
     assert steps[-1] == len(content)
     assert (source.opened, source.closed) == (1, 1)

@@ -32,6 +32,7 @@ from acquisition.stream.parts import read_parts
 from acquisition.stream.reader import StreamMessage, StreamReader
 from acquisition.stream.split_writer import STATISTICS_NAME
 from drivers.errors import DriverError
+from drivers.faults import Faults
 from drivers.samples import AccelerationSample, DepthFrame, PoseSample, Sample
 from drivers.source import SourceInfo
 from tests.acquisition.test_stream_writer import files_may_grow_to
@@ -249,6 +250,26 @@ def test_what_finds_no_room_is_counted_and_visible(tmp_path: Path) -> None:
     assert json.loads(metadata[STATISTICS_NAME]["source.imu"])["queue"]["dropped"] == dropped
     last = of_type(messages, Diagnostics)[-1].statuses[1]
     assert last.values["dropped"] == str(dropped)
+
+
+def test_what_a_driver_lost_is_told_by_the_recording(tmp_path: Path) -> None:
+    """What `open` met does not count, and a source that was pulled out goes on counting."""
+    path = tmp_path / "r.mcap"
+    unplugged: list[Step] = [DriverError("imu: unplugged")]
+    script = [*accelerations(0, 2), *unplugged, *accelerations(2, 6)]
+    counted = [1, 2, 4, 0, 1, 5]
+    source = ScriptedSource(
+        "imu", script, faults=[Faults({"garbage_bytes": n}, {"retries": n}) for n in counted]
+    )
+    result = record(path, [source])
+    (health,) = result.health.sources
+    # 4 before it was lost; then from the 4 that it shows when it is open again to 5.
+    assert health.faults == Faults({"garbage_bytes": 5}, {"retries": 5})
+    assert inspect(path).faults == {"imu": health.faults}
+    assert "  imu lost: 5 garbage bytes" in inspect(path).describe()
+    assert "  imu mended: 5 retries" in inspect(path).describe()
+    (found,) = [finding for finding in check(path) if finding.kind == "device"]
+    assert found.describe() == "device: imu: its driver counted 5 garbage bytes"
 
 
 def test_a_sample_that_no_message_can_express_is_counted(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -10,7 +11,7 @@ from acquisition.clocks.host_clock import HostClock
 from acquisition.recording.intake import Intake
 from acquisition.recording.sample_queue import SMALL_SAMPLE_BYTES, SampleQueue, size_in_memory
 from drivers.samples import AccelerationSample
-from drivers.source import SourceInfo
+from drivers.source import SourceInfo, TimeBase
 from tests.fakes.recordings import acceleration, depth_frame, pose
 
 INFO = SourceInfo("imu", "m", "s", (AccelerationSample,), "monotonic")
@@ -56,6 +57,19 @@ def test_a_reopened_source_is_told_even_when_nothing_fits() -> None:
 def test_a_depth_frame_takes_its_pixels() -> None:
     assert size_in_memory(depth_frame(0)) == SMALL_SAMPLE_BYTES + 2 * 48
     assert size_in_memory(pose(0)) == SMALL_SAMPLE_BYTES
+
+
+@pytest.mark.parametrize(("time_base", "rate_hz"), [("monotonic", 11.0), ("recorded", 100.0)])
+def test_recorded_times_make_their_own_rate(time_base: TimeBase, rate_hz: float) -> None:
+    """The same eleven samples, 10 ms apart, that came within a second."""
+    intake = Intake(HostClock(), {}, ClockTuning())
+    queue = SampleQueue(10**6)
+    info = SourceInfo("imu", "m", "s", (AccelerationSample,), time_base)
+    queue.put(info, [acceleration(i, i * 10_000_000) for i in range(11)])
+    for batch in queue.take():
+        intake.stamped(batch)
+    (statistics,) = intake.end_interval(1.0).values()
+    assert statistics.rate_hz == pytest.approx(rate_hz)
 
 
 def test_each_stream_of_a_reopened_source_counts_its_gap() -> None:

@@ -39,6 +39,18 @@ def test_rate_and_jitter_are_of_the_interval() -> None:
     assert (found.samples, found.gaps, found.missed) == (105, 0, 0)
 
 
+def test_the_rate_of_recorded_times_is_that_of_the_samples() -> None:
+    """However fast they are played: 100 Hz, and with every second sample missing 50 Hz."""
+    track = StreamTrack(100.0)
+    fed(track, [0])
+    assert track.end_interval(None).rate_hz is None, "one time has no rate"
+    fed(track, [10, 20, 30], first=1)
+    assert track.end_interval(None).rate_hz == pytest.approx(100.0)
+    fed(track, [50, 70], first=4)
+    assert track.end_interval(None).rate_hz == pytest.approx(50.0)
+    assert track.end_interval(None).rate_hz is None, "nothing came"
+
+
 def test_silence_has_no_rate_and_no_jitter() -> None:
     track = StreamTrack(100.0)
     fed(track, [0])

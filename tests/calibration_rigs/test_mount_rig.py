@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,13 @@ from scipy.spatial.transform import Rotation
 import cli
 from acquisition.importing import record_all
 from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, StaticTransform
+from acquisition.stream.writer import StreamWriter
 from calibration_rigs.errors import RigError
 from calibration_rigs.mount_rig.camera import CameraMount, calibrate_camera
 from calibration_rigs.mount_rig.floor import find_floor
 from calibration_rigs.mount_rig.track import calibrate_track
-from drivers.samples import DepthFrame, WheelTwistSample, frozen_array
+from drivers.samples import DepthFrame, WheelTwistSample, YawRateSample, frozen_array
+from drivers.source import SourceInfo
 from mapping.geometry import RigidTransform
 from mapping.noise import KINECT_V1
 from tests.fakes.finite_source import FiniteSource
@@ -134,6 +137,58 @@ def test_one_turn_gives_no_sigma_and_wrong_angles_are_refused() -> None:
         calibrate_track(twists, [-math.pi])
     with pytest.raises(RigError, match="no speeds of left and right wheels"):
         calibrate_track([], [math.pi])
+
+
+def _gyro(angles_rad: list[float], bias_rad_s: float = 0.02) -> list[YawRateSample]:
+    """Return what a gyro sees of the turns of `_twists`, its axis down, at 50 Hz."""
+    wheels = _twists([1.0] * len(angles_rad), angles_rad)
+    return [
+        YawRateSample(s.t_ns, bias_rad_s - 2.0 * (s.right_m_s or 0.0), None, 0, s.sequence)
+        for s in wheels
+    ]
+
+
+def test_angles_that_the_gyro_did_not_see_are_refused() -> None:
+    angles = [2.0 * math.pi, -2.0 * math.pi]
+    twists = _twists([0.55, 0.55], angles)
+    found = calibrate_track(twists, angles, gyro=_gyro([0.95 * a for a in angles]))
+    assert found.track_m.value == pytest.approx(0.55, rel=2e-3)
+    with pytest.raises(RigError, match="turn 2 is stated as -360 degrees and the gyro saw 270"):
+        calibrate_track(twists, angles, gyro=_gyro([2.0 * math.pi, -1.5 * math.pi]))
+    # A gyro that was not there for the turns confirms and refuses nothing.
+    assert calibrate_track(twists, angles, gyro=_gyro([0.0])[:50]) == calibrate_track(
+        twists, angles
+    )
+
+
+@pytest.mark.parametrize("times", [0.3, 2.1])
+def test_a_track_far_from_the_one_in_use_is_refused(times: float) -> None:
+    angle = 2.0 * math.pi
+    twists = [
+        replace(s, yaw_rate_rad_s=2.0 * (s.right_m_s or 0.0) / 0.55)
+        for s in _twists([0.55], [angle])
+    ]
+    assert calibrate_track(twists, [angle]).per_turn_m == pytest.approx([0.55], rel=2e-3)
+    with pytest.raises(RigError, match=r"0\.550 m in use; expected 0\.18 to 1\.10 m"):
+        calibrate_track(twists, [angle / times])
+
+
+def test_a_drive_that_is_no_turn_is_one_line_and_exit_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = tmp_path / "drive.mcap"
+    rover = SourceInfo("rover", "", "", (WheelTwistSample, YawRateSample), "recorded")
+    with (
+        recording.open("wb") as stream,
+        StreamWriter(stream, sources=[rover], static_transforms=(), settings={}) as writer,
+    ):
+        for pair in zip(_twists([0.55], [-1.0]), _gyro([-1.0]), strict=True):
+            for sample in pair:
+                writer.write(sample)
+    assert cli.main(["calibrate", "track", str(recording), "--turns-deg=-1"]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "turn 1 is stated as -1 degrees and the gyro saw 57.3; expected" in line
+    assert cli.main(["calibrate", "track", str(recording), "--turns-deg=-57.3"]) == 0
 
 
 def test_the_command_writes_a_block_that_rover_toml_takes(

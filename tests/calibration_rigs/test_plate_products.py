@@ -22,8 +22,9 @@ from calibration_rigs.plate_rig.report import report_html
 from calibration_rigs.plate_rig.sigma_models import CellSigmas, Conditions, fit_laws
 from calibration_rigs.plate_rig.verdict import cell_warnings, compare_environments, verdict
 from drivers.samples import CameraIntrinsics
-from mapping.calibration_file import DeviceIdentity, calibration_for, calibration_from_name
+from mapping.calibration_file import DeviceIdentity, calibration_from_name
 from mapping.errors import MappingError
+from mapping.noise_choice import calibration_for, calibrations_in
 from mapping.undistortion import read_undistortion
 from simulation.devices.kinect import KinectModel
 from tests.fakes.plate_rig import Plate, PlateCamera, frames_of, true_bias_m, true_sigma_m
@@ -277,20 +278,20 @@ def test_the_mapper_finds_a_device_s_calibration_and_refuses_another_s(tmp_path:
         }
         (tmp_path / f"{name}.json").write_text(json.dumps(content))
     (tmp_path / "inertial.json").write_text('{"schema": "terravibe/inertial"}')
-    found = calibration_for(tmp_path, DeviceIdentity(serial="B2"))
+    found = calibration_for(calibrations_in(tmp_path), DeviceIdentity(serial="B2"))
     assert found is not None
     assert found.model.name == "b"
-    assert calibration_for(tmp_path, DeviceIdentity(serial="C3")) is None
-    assert calibration_for(tmp_path, DeviceIdentity()) is None
+    assert calibration_for(calibrations_in(tmp_path), DeviceIdentity(serial="C3")) is None
+    assert calibration_for(calibrations_in(tmp_path), DeviceIdentity()) is None
     found.check_device(DeviceIdentity(serial="B2"))
     found.check_device(DeviceIdentity())
     with pytest.raises(MappingError, match=r"b\.json was measured on Kinect V1 B2, .* is of K A1"):
         found.check_device(DeviceIdentity(model="K", serial="A1"))
     (tmp_path / "c.json").write_text((tmp_path / "b.json").read_text())
     with pytest.raises(MappingError, match=r"b\.json and .*c\.json are both of device B2"):
-        calibration_for(tmp_path, DeviceIdentity(serial="B2"))
+        calibration_for(calibrations_in(tmp_path), DeviceIdentity(serial="B2"))
     with pytest.raises(MappingError, match="there is no folder"):
-        calibration_for(tmp_path / "none", DeviceIdentity())
+        calibration_for(calibrations_in(tmp_path / "none"), DeviceIdentity())
 
 
 def test_cells_of_one_place_are_told_apart_by_their_recordings(calibrated: PlateResult) -> None:

@@ -98,6 +98,11 @@ def test_the_name_is_not_empty(make: Callable[[], Source]) -> None:
     assert make().name
 
 
+def test_nothing_has_gone_wrong_before_open(make: Callable[[], Source]) -> None:
+    faults = make().faults
+    assert not faults.losses() + faults.repairs()
+
+
 def test_closing_what_was_never_open_is_harmless(make: Callable[[], Source]) -> None:
     source = make()
     source.close()

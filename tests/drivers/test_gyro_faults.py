@@ -54,6 +54,7 @@ def test_a_storm_of_failing_transfers_costs_no_more_than_it_explains(
         assert truly_lost(samples) - gaps(samples) in range(5)
         assert truly_lost(samples) <= 0.01 * len(samples)
     assert bench.gyro.counters.set_up_again == 0
+    assert bench.gyro.faults.mended["failed_transfers"] >= len(failures_ns)
 
 
 @pytest.mark.parametrize("chip", CHIPS)
@@ -107,6 +108,7 @@ def test_a_chip_that_lost_its_settings_is_set_up_again(chip: str, make_bench: Ma
         bench.model.power_cycle()
         after = bench.samples(10)
     assert bench.gyro.counters.set_up_again == 1
+    assert bench.gyro.faults.mended["set_up_again"] == 1
     assert after[-1].rate_rad_s != 0.0
 
 

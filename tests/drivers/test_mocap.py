@@ -160,6 +160,7 @@ def test_a_body_that_disappears_is_reported(option: str, make_stub: MakeStub) ->
         pytest.raises(DriverError, match=r"does not see rigid body 'rover'; it sees: lander$"),
     ):
         read_on()
+    assert mocap.faults.lost["frames_without_body"] > 0
 
 
 def test_a_crash_of_the_library_is_an_error_and_the_next_read_connects_again(

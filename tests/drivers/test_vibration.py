@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import DriverError
+from drivers.faults import NO_FAULTS
 from drivers.samples import VibrationSample
 from drivers.source import OpenSource, make_source
 from drivers.vibration.acceleration import acceleration_m_s2
@@ -65,14 +66,16 @@ def test_garbage_between_the_frames_is_counted(port: Path) -> None:
     with FakeSerialDevice(port, device) as fake:
         sensor = VibrationSensor(str(port))
         with OpenSource(sensor):
-            before = sensor.statistics.frames
+            before, met = sensor.statistics.frames, sensor.faults
             with fake.quiet():
                 device.garbage = b"\xaa\x55 not a frame"
             vibrations(sensor, 40)
-            after = sensor.statistics.frames
+            after, faults = sensor.statistics.frames, sensor.faults.since(met)
     assert after.resyncs == before.resyncs + 1
     assert after.garbage_bytes == before.garbage_bytes + 14
     assert after.checksum_errors == before.checksum_errors + 1
+    assert faults.losses() == ["1 checksum errors", "14 garbage bytes", "1 resyncs"]
+    assert sensor.faults == NO_FAULTS, "closed"
 
 
 def test_a_batch_is_stamped_once_and_dated_back(port: Path) -> None:

@@ -122,6 +122,7 @@ def test_garbled_lines_are_counted_and_cost_nothing_else(adapter: SlcanPty) -> N
         frames = frames_of(pump_and_read(adapter, wheels))
     assert len(frames) == len(good)
     assert wheels.bus_counters.garbled == 19
+    assert wheels.faults.losses() == ["19 garbled frames"]
 
 
 def test_noise_inside_the_stream_costs_only_the_lines_that_it_hit(adapter: SlcanPty) -> None:

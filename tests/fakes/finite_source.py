@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from drivers.errors import DriverError, EndOfSource
+from drivers.faults import NO_FAULTS, Faults
 from drivers.samples import Sample
 from drivers.source import SourceInfo
 from tests.fakes.recordings import SOURCE
@@ -21,6 +22,11 @@ class FiniteSource:
         self._reads = 0
         self.opened = 0
         self.closed = 0
+
+    @property
+    def faults(self) -> Faults:
+        """None."""
+        return NO_FAULTS
 
     def open(self) -> SourceInfo:
         """Say what comes."""

@@ -10,6 +10,7 @@ import time
 from array import array
 from collections.abc import Callable, Sequence
 
+from drivers.faults import NO_FAULTS, Faults
 from drivers.samples import Sample
 from drivers.source import SourceInfo, TickCounter
 
@@ -42,6 +43,11 @@ class PacedSource:
         self._sleep = sleep
         self._began_ns = 0
         self._late = array("Q", bytes(8 * _BINS))
+
+    @property
+    def faults(self) -> Faults:
+        """None."""
+        return NO_FAULTS
 
     def open(self) -> SourceInfo:
         """Start over."""

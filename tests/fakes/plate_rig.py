@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import EndOfSource
+from drivers.faults import NO_FAULTS, Faults
 from drivers.samples import CameraIntrinsics, DepthFrame, Sample
 from drivers.source import SourceInfo
 from simulation.devices.kinect import CleanView, KinectModel, kinect_640, kinect_depth_mm
@@ -134,6 +135,11 @@ class PlateCamera:
         self._camera = camera
         self._serial = serial
         self._next = 0
+
+    @property
+    def faults(self) -> Faults:
+        """None."""
+        return NO_FAULTS
 
     def open(self) -> SourceInfo:
         """Start over."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from threading import Event
 
 from drivers.errors import EndOfSource
+from drivers.faults import NO_FAULTS, Faults
 from drivers.samples import AccelerationSample, Sample
 from drivers.source import SourceInfo, TickCounter, TimeBase
 
@@ -27,6 +28,7 @@ class ScriptedSource:
         rates_hz: dict[type[Sample], float] | None = None,
         goes_on: bool = False,
         counter: TickCounter | None = None,
+        faults: Sequence[Faults] = (),
     ) -> None:
         self.name = name
         self.opened = 0
@@ -34,6 +36,8 @@ class ScriptedSource:
         self.exhausted = Event()
         self._script = iter(script)
         self._opens = list(opens)
+        self._faults = list(faults)
+        self.faults = NO_FAULTS
         self._goes_on = goes_on
         self._pause = Event()
         self._info = SourceInfo(
@@ -50,8 +54,10 @@ class ScriptedSource:
         return self._info
 
     def read(self, timeout_s: float) -> Sequence[Sample]:
-        """Do the next step."""
+        """Do the next step, with the next entry of `faults` if there is one."""
         step = next(self._script, None)
+        if self._faults:
+            self.faults = self._faults.pop(0)
         if step is None:
             self.exhausted.set()
             if not self._goes_on:

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from drivers.errors import EndOfSource
+from drivers.faults import Faults
 from drivers.samples import (
     AccelerationSample,
     CanFrameSample,
@@ -86,6 +87,11 @@ class Finite:
         self.name = device.name
         self._device = device
         self._left = samples
+
+    @property
+    def faults(self) -> Faults:
+        """Those of the device."""
+        return self._device.faults
 
     def open(self) -> SourceInfo:
         """Open the device."""

@@ -166,9 +166,16 @@ def test_the_papers_way_is_a_point_and_says_so(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     estimate = str(tmp_path / "est.tum")
-    assert cli.main(["odometry", str(recording), "-o", estimate, "--method", "paper2019"]) == 0
-    assert "no velocity state" in capsys.readouterr().err
+    words = ["odometry", str(recording), "-o", estimate, "--method", "paper2019", "--json"]
+    assert cli.main(words) == 0
+    told = capsys.readouterr()
+    assert "no velocity state" in told.err
     found = read_path(tmp_path / "est.tum")
+    said = json.loads(told.out)
+    assert said["output"] == estimate
+    assert said["poses"] == len(found.t_ns)
+    assert said["end_m"] == pytest.approx(found.position_m[-1].tolist(), abs=1e-6)
+    assert said["duration_s"] == pytest.approx((found.t_ns[-1] - found.t_ns[0]) * 1e-9, abs=1e-6)
     assert np.abs(found.position_m).max() < 0.01
 
 
@@ -185,6 +192,7 @@ def test_recorded_poses_count_when_they_are_asked_for(recording: Path, tmp_path:
     ("arguments", "message"),
     [
         (["evaluate", "odometry", "a.tum"], "expected EST and TRUTH"),
+        (["evaluate", "odometry", "a.tum", "b.tum", "--origin", "start"], "are for maps"),
         (["evaluate", "map.nc"], "give one map with --truth"),
         (["odometry", "x.mcap", "-o", "y.tum", "--set", "nothing=1"], "no NAME=VALUE"),
         (["odometry", "x.mcap", "-o", "y.tum", "--set", "slip=much"], "expected a number"),

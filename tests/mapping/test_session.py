@@ -22,7 +22,9 @@ from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.errors import MappingError
 from mapping.mapper import Mapper
 from mapping.noise import KINECT_V1, NGUYEN_2012, constant_noise
-from mapping.session import MapOptions, MapResult, map_stream, recorded_settings
+from mapping.output.map_summary import summarise_run
+from mapping.recorded import recorded_settings
+from mapping.session import MapOptions, MapResult, map_stream
 from mapping.settings import MapSettings
 from tests.fakes.recordings import reader_of
 from tests.mapping.scenes import floor_frame, mount, pose_sample
@@ -251,7 +253,45 @@ def test_the_calibration_of_the_recording_s_device_is_found(tmp_path: Path) -> N
         (tmp_path / f"{serial}.json").write_text(_file_of(serial))
     options = MapOptions(MapSettings(), calibrations=tmp_path)
     assert _from_device("A1", options, {}).noise.axial_offset_m == 0.01
+    found = _from_device("A1", options, {})
+    assert (found.noise_warning, "noise_warning" in found.map.attributes) == ("", False)
+    assert found.map.attributes["noise_source"] == str(tmp_path / "A1.json")
     assert _from_device("C3", options, {}).noise.name == KINECT_V1.name
+
+
+@pytest.mark.parametrize(
+    ("serial", "wanted"),
+    [("C3", "of floor C3, in"), ("", "of floor, which has no serial number, in")],
+)
+def test_a_calibration_that_is_not_there_is_missed_aloud(
+    tmp_path: Path, serial: str, wanted: str
+) -> None:
+    """Which device, what is there instead, and which model is used."""
+    (tmp_path / "A1.json").write_text(_file_of("A1"))
+    options = MapOptions(MapSettings(), calibrations=tmp_path)
+    result = _from_device(serial, options, {})
+    said = (
+        f"no depth calibration {wanted} {tmp_path}: A1.json of K A1; "
+        f"noise model {KINECT_V1.name} (default) is used"
+    )
+    assert result.noise_warning == said
+    assert result.map.attributes["noise_warning"] == said
+    summary = summarise_run(result, "x.nc")
+    assert said in summary.warnings
+    # The recording's own model stands in, if there is one; what the user names is not doubted.
+    own = {"depth_noise": json.loads(noise_to_json(NGUYEN_2012))}
+    assert "(the recording's depth_noise) is used" in _from_device("C3", options, own).noise_warning
+    named = replace(options, noise=NGUYEN_2012, calibrations=None)
+    assert _from_device("C3", named, {}).noise_warning == ""
+    (tmp_path / "A1.json").unlink()
+    assert "none of any device; " in _from_device("C3", options, {}).noise_warning
+
+
+def test_a_depth_calibration_among_the_others_of_rover_toml_is_told() -> None:
+    recorded = {"calibration_files": {"k.json": json.loads(_file_of("C3")), "gyro.json": {}}}
+    result = _from_device("C3", MapOptions(MapSettings()), recorded)
+    assert "no depth_noise for floor C3; it has k.json among others" in result.noise_warning
+    assert result.noise == KINECT_V1
 
 
 def test_another_device_s_calibration_is_refused(tmp_path: Path) -> None:

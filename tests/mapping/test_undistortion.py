@@ -123,6 +123,7 @@ def test_what_the_plate_rig_measures_is_what_the_mapper_takes_off() -> None:
         ({"mean_px": np.full((4, 4), 90.0)}, "up to 90 px"),
         ({"disparity_px_m": 0.0}, "f b = 0 px m"),
         ({"disparity_px_m": "wide"}, "cannot read .*could not convert"),
+        ({"mean_px": np.array([["a", "b"]])}, "cannot read .*isfinite"),
     ],
 )
 def test_what_is_no_distortion_is_refused(
@@ -139,6 +140,14 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "text.npz").write_text("mean_px")
     with pytest.raises(MappingError, match=r"cannot read .*text\.npz"):
         read_undistortion(tmp_path / "text.npz")
+    damaged, random = tmp_path / "damaged.npz", np.random.default_rng(1)
+    np.savez_compressed(
+        damaged, mean_px=random.random((64, 64)), disparity_px_m=1.0, model="", serial=""
+    )
+    content = damaged.read_bytes()
+    damaged.write_bytes(content[:2000] + b"\xff" * 100 + content[2100:])
+    with pytest.raises(MappingError, match=r"cannot read .*damaged\.npz"):
+        read_undistortion(damaged)
     np.savez(tmp_path / "code.npz", mean_px=np.array([{}], dtype=object))
     with pytest.raises(MappingError):
         read_undistortion(tmp_path / "code.npz")

@@ -15,6 +15,7 @@ from threading import Event, Timer
 
 import pytest
 
+from acquisition.inspection import inspect
 from acquisition.recording.disk_output import DiskOutput
 from acquisition.recording.folder_store import DiskSettings
 from acquisition.recording.plan import RecordingPlan
@@ -157,6 +158,9 @@ def test_serial_i2c_and_can_bytes_become_the_same_recording(
         adapter.feed(can_lines(can_frames))
         with pumping(sender.pump, lambda: adapter.pump() > 0):
             as_bytes = record(path, recorder)
+    counted = inspect(path).faults
+    assert sorted(counted) == ["gyro", "vibration", "wheels"]
+    assert not any(faults.losses() + faults.repairs() for faults in counted.values())
     # The bus has another name here than it could have in the simulation.
     expected = [
         replace(s, channel=str(tmp_path / "can0")) if isinstance(s, CanFrameSample) else s

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration_rigs.static_rig.accelerometer import AccelerometerCalibration as RigCalibration
 from drivers.samples import AccelerationSample, YawRateSample
 from mapping.calibration_file import DeviceIdentity
 from mapping.ego_motion.calibrated import calibrated
@@ -88,6 +89,17 @@ def test_the_file_of_another_device_is_refused() -> None:
         calibrated(DEFAULT, DEVICES, {"gyro.json": gyro_file("G2")}, None)
 
 
+def test_of_recorded_files_the_device_s_own_is_taken() -> None:
+    """A gyro that has accelerations too, beside the accelerometer."""
+    both = gyro_file() | {"accelerometer": {"bias_m_s2": [number(9.0)] * 3}}
+    files = {"both.json": both, "force.json": force_file()}
+    found = calibrated(DEFAULT, DEVICES, files, None)
+    assert found.settings.force_zero_x_m_s2 == 0.1
+    assert [note.rsplit(" ", 1)[1] for note in found.notes] == ["G1", "A1"]
+    with pytest.raises(MappingError, match="has 2 calibrations of accelerometer A1; give --cal"):
+        calibrated(DEFAULT, DEVICES, files | {"again.json": force_file()}, None)
+
+
 def test_readings_are_corrected_as_the_rig_defines_it() -> None:
     recorded = {"gyro.json": gyro_file(), "force.json": force_file()}
     settings = calibrated(DEFAULT, DEVICES, recorded, None).settings
@@ -95,9 +107,9 @@ def test_readings_are_corrected_as_the_rig_defines_it() -> None:
     rate = intake.reading(YawRateSample(0, 0.51, None, None, 0))
     assert rate is not None
     assert rate.values[0] == pytest.approx(1.02 * 0.5)
-    true = np.array([1.0, 2.0, 9.0])
-    crooked = np.array([[1.0, -0.001, 0.002], [0.0, 1.0, -0.003], [0.0, 0.0, 1.0]])
-    reading = np.array([1.0, 1.1, 0.9]) * np.linalg.solve(crooked, true) + [0.1, -0.2, 0.3]
+    bias, angles, none = np.array([0.1, -0.2, 0.3]), np.array([0.001, -0.002, 0.003]), np.zeros(3)
+    rig = RigCalibration(np.array([1.0, 1.1, 0.9]), none, bias, none, angles, 0.0, 9)
+    reading = np.array([1.0, 2.0, 9.0])
     force = intake.reading(AccelerationSample(0, reading, 0))
     assert force is not None
-    np.testing.assert_allclose(force.values, true, rtol=1e-12)
+    np.testing.assert_allclose(force.values, rig.force_m_s2(reading[np.newaxis])[0], rtol=1e-12)
