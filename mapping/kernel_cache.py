@@ -91,6 +91,7 @@ def compile_filter() -> None:
 def compile_kernels() -> None:
     """Compile the kernels, or load them from the cache, by mapping one tiny frame."""
     camera = CameraIntrinsics(16, 12, 16.0, 16.0, 7.5, 5.5)
+    # So that cells of this frame are confirmed: of others nothing is fused.
     settings = MapSettings(confirmed_frames=1, confirmed_pixels=1)
     reducer = FrameReducer(camera, NGUYEN_2012, settings)
     looking_down = RigidTransform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]))
