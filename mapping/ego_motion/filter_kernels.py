@@ -59,8 +59,10 @@ from mapping.ego_motion.states import (
 
 # Outcomes of a row.
 TAKEN, SURPRISED, LEFT_OUT = range(3)
-# The rover is taken to be at most so many times as fast as its wheels say.
-_LEAST_FACTOR = 0.2
+# So many times as fast as the rover are its wheels: at least, and at most where a pose tells its
+# speed. Wheels slower than `_CREEP_M_S` have no such ratio.
+_LEAST_FACTOR, _MOST_FACTOR = 0.2, 5.0
+_CREEP_M_S = 0.02
 # Wheels that suddenly turn by less than this share of before are locked.
 _LOCKED = 0.3
 # A tilt whose variance falls below this share from tick to tick was lost and is found again.
@@ -84,8 +86,7 @@ def run(
             whatever time the caller chose, and starts anew at every tick.
         rows: none is earlier than the state, none later than `end_ns`.
         end_ns: where to end.
-        c: constants.
-        out: room for a state at every tick.
+        c, out: constants; room for a state at every tick.
         outcome, nis: (M,) what became of each row, and its normalised innovation squared.
     """
     x, p, phi, held = state.x[0], state.p[0], state.phi[0], state.held[0]
@@ -94,8 +95,7 @@ def run(
     written = 0
     for i in range(len(rows.t_ns)):
         _move(x, p, phi, held, (t_ns - tick_ns) * 1e-9, (rows.t_ns[i] - t_ns) * 1e-9, c)
-        t_ns = rows.t_ns[i]
-        value = rows.values[i]
+        t_ns, value = rows.t_ns[i], rows.values[i]
         if rows.kind[i] == GYRO:
             outcome[i], nis[i] = _gyro(x, p, phi, held, value, c)
         elif rows.kind[i] == WHEELS:
@@ -432,9 +432,8 @@ def _standstill(
         return
     # The next departure refers to this rest: an error of its own.
     _renew(x, p, phi, FORCE_ERROR, held[10])
-    variance = c.zero_rate_rad_s * c.zero_rate_rad_s
     outcome, _ = _scalar(
-        x, p, phi, TURN, 1.0, -1, 0.0, -1, 0.0, -x[TURN], variance, c.gate_nis
+        x, p, phi, TURN, 1.0, -1, 0.0, -1, 0.0, -x[TURN], c.zero_rate_rad_s**2, c.gate_nis
     )  # fmt: skip
     if outcome == LEFT_OUT:
         held[6] = 0.0
@@ -468,7 +467,11 @@ def _pose(
     nis = float(innovation @ np.linalg.solve(s, innovation))
     if not nis <= gate_nis:
         return LEFT_OUT, nis
-    x += gain @ innovation
+    change = gain @ innovation
+    v = x[SPEED] / _factor(x)
+    v += (change[SPEED] - v * (change[WHEEL_SCALE] + change[SLIP])) / _factor(x)
+    x += change
+    _slip_to(x, v)
     p -= gain @ hp
     phi -= gain @ (h @ phi)
     _symmetric(p)
@@ -476,9 +479,22 @@ def _pose(
 
 
 @njit(inline="always")
+def _slip_to(x: Float64Array, v: float) -> None:
+    """Let the slip be what makes v the rover's speed, within what a slip can be.
+
+    What an update adds to the slip itself is right for small changes only: of wheels that spin in
+    place the slip is anything from large to negative, with the rover's speed next to 0 throughout.
+    """
+    scale = 1.0 + x[WHEEL_SCALE]
+    factor = scale + x[SLIP]
+    if abs(x[SPEED]) > _CREEP_M_S:
+        factor = 1.0 / max(v / x[SPEED], 1.0 / _MOST_FACTOR)
+    x[SLIP] = min(max(factor, _LEAST_FACTOR), _MOST_FACTOR) - scale
+
+
+@njit(inline="always")
 def _symmetric(p: Float64Array) -> None:
     """Make a covariance symmetric to the bit."""
     for i in range(SIZE):
         for j in range(i):
-            mean = 0.5 * (p[i, j] + p[j, i])
-            p[i, j] = p[j, i] = mean
+            p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from drivers.samples import AccelerationSample, Sample, WheelTwistSample, YawRateSample
 from mapping.ego_motion.ego_motion import EgoMotion
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.errors import MappingError
-from mapping.geometry import Float64Array, UncertainPose
-from tests.mapping.ego_motion.drives import START_NS, Drive, cut, in_order, replay
+from mapping.geometry import Float64Array, RigidTransform, UncertainPose
+from tests.mapping.ego_motion.drives import START_NS, Drive, cut, in_order, replay, stop_and_go
 
 NO_DELAY = EgoMotionSettings(
     gyro_delay_s=0.0, wheels_delay_s=0.0, acceleration_delay_s=0.0, vibration_delay_s=0.0
@@ -280,3 +281,29 @@ def test_wheel_samples_are_what_was_meant() -> None:
     """The helper's slip must meet moving wheels, or the tests above show nothing."""
     moving = [w for w in Drive().wheels() if 3.0 < second(w) < 5.0]
     assert all(isinstance(w, WheelTwistSample) and w.speed_m_s > 0.2 for w in moving)
+
+
+@dataclass
+class Sunken(Drive):
+    """A rover that digs itself in: it stands from 3 s to 6 s, while its wheels turn on."""
+
+    def speed(self, t: Float64Array) -> Float64Array:
+        return np.where((t > 3.0) & (t < 6.0), 0.0, stop_and_go(t))
+
+    def wheels(self) -> list[WheelTwistSample]:
+        return Drive(self.seconds, self.seed).wheels()
+
+
+def test_poses_hold_a_rover_whose_wheels_spin_in_place() -> None:
+    """Between poses it goes no farther than wheels can drive, then and when they grip again."""
+    drive, rng = Sunken(seed=2), np.random.default_rng(2)
+    ego = EgoMotion(NO_DELAY)
+    worst_m = 0.0
+    for seconds, pose in replay(ego, drive.samples()):
+        x, y, yaw = drive.truth(np.array([seconds]))[0]
+        worst_m = max(worst_m, float(np.hypot(*(pose.transform.translation_m[:2] - (x, y)))))
+        turn = Rotation.from_euler("z", yaw).as_matrix()
+        place = np.array([x, y, 0.0]) + 0.003 * rng.standard_normal(3)
+        seen = RigidTransform(turn, place)
+        assert ego.correct(pose.t_ns, seen, np.diag([9e-6] * 6), gated=False)
+    assert worst_m < 0.3 * 0.1 + 0.015
