@@ -15,13 +15,14 @@ from drivers.samples import AccelerationSample, Sample, frozen_array
 from tests.acquisition.test_stream_writer import files_may_grow_to
 from tests.fakes.recordings import recording, same
 
-DISK_BYTES = 60_000
+# More than the largest chunk takes: a replay as fast as it goes fills chunks to their limit.
+DISK_BYTES = 600_000
 
 
 @pytest.fixture(scope="module")
 def played() -> list[Sample]:
     """Return more accelerations than the disk has room for, which no compression makes small."""
-    values = np.random.default_rng(1).normal(0.0, 1.0, (4000, 3))
+    values = np.random.default_rng(1).normal(0.0, 1.0, (30_000, 3))
     return [
         AccelerationSample(10**18 + 5_000_000 * i, frozen_array(row, (3,)), i)
         for i, row in enumerate(values)
