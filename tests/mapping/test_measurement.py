@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from drivers.samples import CameraIntrinsics
 from mapping import measurement_kernels as kernels
 from mapping.cells.grid import CellWindow
-from mapping.measurement import FrameReducer, View, _view_constants
+from mapping.measurement import SENSOR_WIDTH_PX, FrameReducer, View, _view_constants
 from mapping.noise import KINECT_QUANTISATION, KINECT_V1, NGUYEN_2012, DepthNoiseModel
 from mapping.settings import MapSettings
 from tests.mapping import oracle
-from tests.mapping.scenes import CAMERA, looking, millimetres, plane_z, view_of
+from tests.mapping.scenes import CAMERA, looking, millimetres, plane_z, rays, view_of
 
 Float64Array = NDArray[np.float64]
 
@@ -161,6 +161,33 @@ def test_a_reading_alone_is_taken_as_facing_the_camera() -> None:
     np.testing.assert_array_equal(found.cell >= 0, z_m > 0.0)
     seen = z_m > 0.0
     np.testing.assert_allclose(1.0 / found.weight[seen], expected.variance_m2[seen], rtol=2e-5)
+
+
+def test_the_variance_is_what_a_moved_point_does_to_its_height() -> None:
+    """Finite differences of the height: along the ray with z, and across it to both sides."""
+    view = view_of(looking(25.0, 50.0, -15.0), (1.0, 2.0, 0.5))
+    z_m = np.zeros((CAMERA.height_px, CAMERA.width_px))
+    z_m[::4, ::4] = 1.3
+    reducer = _reducer()
+    found = _measure(reducer, z_m, view, reducer.footprint(view))
+    focal_px = CAMERA.fx_px * SENSOR_WIDTH_PX / CAMERA.width_px
+    ray_of = rays(CAMERA)
+    facing = np.arccos(1.0 / np.linalg.norm(ray_of, axis=-1))
+    z = np.full(z_m.shape, 1.3)
+    axial = NGUYEN_2012.axial_sigma_m(z, facing)
+    lateral = NGUYEN_2012.lateral_sigma_m(z, facing, focal_px)
+    step = 1e-4
+    for v, u in np.argwhere(z_m > 0.0):
+        ray = ray_of[v, u]
+        _, _, basis = np.linalg.svd(ray[np.newaxis])
+        moves = (axial[v, u] * ray, lateral[v, u] * basis[1], lateral[v, u] * basis[2])
+        variance = 0.0
+        for move in moves:
+            up, down = (
+                view.T_terrain_sensor.apply(1.3 * ray + sign * step * move)[2] for sign in (1, -1)
+            )
+            variance += ((up - down) / (2.0 * step)) ** 2
+        assert 1.0 / found.weight[v, u] == pytest.approx(variance, rel=1e-4)
 
 
 def test_beside_holes_and_at_the_image_border_the_gradient_is_one_sided() -> None:
