@@ -109,12 +109,14 @@ class _Tally:
         self._ends_ns: tuple[int, int] | None = None
 
     def add(self, sample: Sample) -> None:
+        """Count the next sample."""
         self.samples[type(sample).__name__] += 1
         first_ns, last_ns = self._ends_ns or (sample.t_ns, sample.t_ns)
         self._ends_ns = min(first_ns, sample.t_ns), max(last_ns, sample.t_ns)
 
     @property
     def duration_s(self) -> float:
+        """Return the seconds from the earliest stamp to the latest; 0 without samples."""
         return (self._ends_ns[1] - self._ends_ns[0]) * 1e-9 if self._ends_ns else 0.0
 
 
