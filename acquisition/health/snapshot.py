@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 
 from acquisition.health.diagnostics import DeviceStatus, Diagnostics, Level, fault_values
 from acquisition.health.stream_track import StreamStatistics
@@ -13,6 +13,8 @@ from drivers.faults import NO_FAULTS, Faults
 
 # A rate this far below the nominal one is worth a warning.
 _RATE_TOLERANCE = 0.1
+# Listed once: `asdict` makes its list of fields anew each time, by a generator (see `monitor`).
+_FIGURES = [figure.name for figure in fields(StreamStatistics)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +162,7 @@ def _device_status(source: SourceHealth) -> DeviceStatus:
         "clock_skew_ppm": source.clock_skew_ppm,
     }
     for stream in source.streams:
-        figures = asdict(stream.statistics) | {
+        figures = {name: getattr(stream.statistics, name) for name in _FIGURES} | {
             "size_bytes": stream.size_bytes,
             "refused": stream.refused,
         }

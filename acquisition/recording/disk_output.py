@@ -66,14 +66,14 @@ class DiskOutput:
             free = store.free_bytes()
         except StreamError:
             free = 0  # the folder is gone; `tend` tells
-        warnings = (*store.left, store.sync.error, writer.refusal)
+        warnings = [*store.left, store.sync.error, writer.refusal]
         return OutputState(
             bytes_written=writer.bytes_written,
             flushed=writer.flushed,
             free_bytes=free,
             bytes_by_type=writer.bytes_by_type,
             refused=writer.refused,
-            warnings=tuple(filter(None, warnings)),
+            warnings=tuple([warning for warning in warnings if warning]),
         )
 
     def _started(self) -> tuple[FolderStore, SplitWriter]:

@@ -187,7 +187,7 @@ class RingOutput:
             free_bytes=free,
             bytes_by_type=writer.bytes_by_type,
             refused=writer.refused,
-            warnings=tuple(filter(None, (*warnings, writer.refusal))),
+            warnings=tuple([text for text in (*warnings, writer.refusal) if text]),
         )
 
     def _started(self) -> SplitWriter:
