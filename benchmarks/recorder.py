@@ -28,6 +28,7 @@ import resource
 import tempfile
 import threading
 import time
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,6 @@ from benchmarks.load import sources
 from benchmarks.recorder_floors import Floor
 from tests.fakes.paced_source import PacedSource
 
-IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 BAR = 1.5
 _BARE_SECONDS = 8.0
@@ -75,8 +75,8 @@ def measure(folder: Path, arguments: argparse.Namespace) -> dict[str, object]:
     """Return every figure, by name."""
     seconds: float = arguments.seconds
     warm_up = folder / "warm_up.mcap"
-    _record(warm_up, sources(), arguments, _BARE_SECONDS, _Memory())
-    devices, memory = sources(), _Memory()
+    _record(warm_up, sources(), arguments, _BARE_SECONDS, _Memory(_BARE_SECONDS, 0.0))
+    devices, memory = sources(), _Memory(seconds, arguments.split)
     fakes, bare = Floor("fakes"), Floor("bare", str(warm_up))
     with fakes, bare:
         result, process_s = _record(folder / "load.mcap", devices, arguments, seconds, memory)
@@ -138,40 +138,56 @@ def _record(
 
 
 class _Memory:
-    """Resident memory once a second; the first fifth, in which caches fill, is left out."""
+    """Resident memory once a second; the first fifth, in which caches fill, is left out.
 
-    def __init__(self) -> None:
-        self._rss_mb: list[float] = []
+    The slope is what parts have in common: a new part may begin with a step, and the level of
+    each is a figure of its own, so that no growth from part to part can hide in it.
+    """
+
+    def __init__(self, seconds: float, split_s: float) -> None:
+        # All the room there will be, so that the measuring itself does not grow.
+        self._rss_mb = array("d", bytes(8 * int(seconds + 10)))
+        self._samples = 0
+        self._split_s = split_s or np.inf
 
     def sample(self) -> None:
         statm = Path("/proc/self/statm").read_text(encoding="ascii")
-        self._rss_mb.append(int(statm.split()[1]) * _PAGE_MB)
+        self._rss_mb[self._samples] = int(statm.split()[1]) * _PAGE_MB
+        self._samples += 1
 
     def figures(self) -> dict[str, object]:
         """Return level, slope and noise of the resident memory."""
-        settled = np.array(self._rss_mb[len(self._rss_mb) // 5 :])
-        seconds = np.arange(settled.size)
-        slope, start = np.polyfit(seconds, settled, 1)
-        left_over = settled - (start + slope * seconds)
+        seconds = np.arange(self._samples // 5, self._samples)
+        settled = np.array(self._rss_mb)[seconds]
+        parts = np.floor(seconds / self._split_s)
+        levels = (parts[:, None] == np.unique(parts)).astype(float)
+        design = np.column_stack([seconds, levels])
+        fit = np.linalg.lstsq(design, settled, rcond=None)[0]
+        left_over = settled - design @ fit
+        within = seconds - levels @ (levels.T @ seconds / levels.sum(axis=0))
+        by_part = levels.T @ settled / levels.sum(axis=0)
         return {
-            "rss_mb_mean": round(float(settled.mean()), 1),
-            "rss_mb_max": round(float(settled.max()), 1),
-            "rss_slope_mb_per_min": round(float(slope) * 60.0, 3),
-            "rss_slope_error_mb_per_min": round(_slope_error(seconds, left_over) * 60.0, 3),
-            "rss_noise_mb": round(float(np.std(left_over)), 2),
+            "rss_mb_max": round(float(settled.max()), 2),
+            "rss_mb_by_part": np.round(by_part, 2).tolist(),
+            "rss_slope_mb_per_min": round(float(fit[0]) * 60.0, 4),
+            "rss_slope_error_mb_per_min": round(_slope_error(within, left_over) * 60.0, 4),
+            "rss_noise_mb": round(float(np.std(left_over)), 3),
             "cpus": os.cpu_count(),
         }
 
 
-def _slope_error(times: IntArray, left_over: FloatArray) -> float:
+def _slope_error(within: FloatArray, left_over: FloatArray) -> float:
     """Return the slope's standard error; neighbours that are alike count as fewer values.
 
     An AR(1) process with correlation r of neighbours has (1 + r) / (1 - r) times the variance.
+
+    Args:
+        within: time of each value from the middle of its part, s.
+        left_over: what the fit leaves of it.
     """
-    if not left_over.any():
+    if np.ptp(left_over) < 1e-9:
         return 0.0
-    spread = times - times.mean()
-    error = np.sqrt((left_over**2).sum() / (times.size - 2) / (spread**2).sum())
+    error = np.sqrt((left_over**2).sum() / (within.size - 2) / (within**2).sum())
     r = np.clip((left_over[1:] * left_over[:-1]).sum() / (left_over**2).sum(), 0.0, 0.99)
     return float(error * np.sqrt((1.0 + r) / (1.0 - r)))
 
