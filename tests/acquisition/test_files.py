@@ -54,7 +54,7 @@ def test_a_full_disk_is_told_by_the_name_that_was_given(
 
 def test_no_error_tells_the_hidden_name(tmp_path: Path) -> None:
     target = tmp_path / "run"
-    with pytest.raises(StreamError, match="^cannot write .*/run$"), replacing(target) as temporary:
+    with pytest.raises(StreamError, match=r"^cannot write .*/run$"), replacing(target) as temporary:
         raise StreamError(f"cannot write {temporary}")
 
 
