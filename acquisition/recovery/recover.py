@@ -156,7 +156,7 @@ class _SecondPass:
         if not self._found.vouched:
             if self._found.chunked and not span.anchored:
                 reason = "message found behind damage; it may be what a damaged chunk held"
-            elif may_be_another_kind(record.body):
+            elif may_be_another_kind(record.body, chunked=self._found.chunked):
                 reason = "message that has the form of another record"
             elif not self._decodes(record.content):
                 reason = "message that does not decode"

@@ -216,6 +216,19 @@ def test_a_bit_does_not_make_a_message_of_another_record(kind: Opcode, tmp_path:
                 break
 
 
+def test_without_chunks_no_message_is_taken_for_an_index_of_one(tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    writer = Writer(stream, use_chunking=False)
+    writer.start()
+    channel = writer.register_channel("/t", "json", 0)
+    for sequence in range(200):  # that of 112 has the form of an index of seven messages
+        writer.add_message(channel, sequence, bytes(96), sequence, sequence)
+    writer.finish()
+    report, saved, _ = run(stream.getvalue(), tmp_path)
+    assert len(saved) == 200
+    assert report.sound
+
+
 @pytest.mark.parametrize("name", ["not compressed", "no chunks"])
 def test_what_only_looks_like_a_record_of_an_unknown_kind_takes_nothing_along(
     name: str, tmp_path: Path
