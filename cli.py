@@ -62,7 +62,7 @@ class Terminal:
     def lines(self, lines: Iterable[str]) -> None:
         """Print the result, for people."""
         for line in lines:
-            print(line)
+            print(line.encode(errors="backslashreplace").decode())  # names may be no text
 
     def json(self, value: object) -> None:
         """Print the result, for programs."""
