@@ -336,6 +336,17 @@ def test_a_command_that_is_ended_leaves_nothing_half_written(
     assert signal.getsignal(signal.SIGTERM) is signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
 
 
+def test_a_terminal_that_cannot_redraw_gets_lines(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TERM", "dumb")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with cli.Terminal().board() as show:
+        for _ in range(11):  # once a second
+            show(lambda: "a table", lambda: ["a line"])
+    assert capsys.readouterr().err == "terravibe: a line\n" * 2
+
+
 def test_shadowed_room_is_refused(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
