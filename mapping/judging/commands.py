@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from acquisition.commands.console import OK, Console
-from mapping.odometry_commands import add_comparison_arguments
+from mapping.judging.trajectory_command import add_comparison_arguments, compare_trajectories
 
 if TYPE_CHECKING:
     from mapping.cells.elevation_map import ElevationMap
@@ -47,7 +47,6 @@ def run_evaluate(options: argparse.Namespace, console: Console) -> int:
     """Compare a map with the truth or with a flat floor, or two trajectories."""
     from mapping.errors import MappingError
     from mapping.judging.floor_evaluation import evaluate_floor, read_box
-    from mapping.odometry_commands import compare_trajectories
     from mapping.output.map_file import read_map
 
     if options.subject[0] == "odometry":
