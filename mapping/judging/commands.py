@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from acquisition.commands.console import OK, Console
+from acquisition.commands.console import OK, Console, show
 from mapping.judging.trajectory_command import add_comparison_arguments, compare_trajectories
 
 if TYPE_CHECKING:
@@ -68,10 +68,7 @@ def run_evaluate(options: argparse.Namespace, console: Console) -> int:
         )
     box = read_box(options.box) if options.box else None
     scores = evaluate_floor(map_, options.floor_height_m, box)
-    if options.json:
-        console.json(scores.as_json())
-    else:
-        console.lines(scores.lines())
+    show(console, scores, as_json=options.json)
     return OK
 
 
@@ -101,5 +98,5 @@ def _evaluate_truth(map_: ElevationMap, options: argparse.Namespace, console: Co
     if options.json:
         console.json({**scores.as_json(), "origin": origin.as_json()})
     else:
-        console.lines([origin.line(), *scores.lines()])
+        console.lines([origin.line(), *scores.describe()])
     return OK

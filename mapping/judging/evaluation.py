@@ -109,7 +109,7 @@ class Scores(Parts):
             for name, part in self.relative.items()
         }
 
-    def lines(self) -> list[str]:
+    def describe(self) -> list[str]:
         """Return the scores as lines of text."""
         return [*table(self.rows()), f"completeness {100.0 * self.completeness:.1f} %"]
 
