@@ -37,10 +37,27 @@ class _Strict(BaseModel):
 
 
 class DeviceIdentity(_Strict):
-    """Which device the model was measured on."""
+    """Which device a calibration was measured on; empty where nobody knows."""
 
     model: str = ""
     serial: str = ""
+
+    def refuse_other(self, found: DeviceIdentity, where: str, remedy: str) -> None:
+        """Refuse a recording of a device that is not this one.
+
+        Args:
+            found: the device of the recording.
+            where: the calibration's file, for the message.
+            remedy: what to do.
+
+        Raises:
+            MappingError: both serial numbers are known, and they differ.
+        """
+        if self.serial and found.serial and self.serial != found.serial:
+            raise MappingError(
+                f"{where} was measured on {self.model} {self.serial}, the recording is of "
+                f"{found.model} {found.serial}; {remedy}"
+            )
 
 
 class NoiseCoefficients(_Strict):
@@ -153,12 +170,8 @@ class Calibration:
         Raises:
             MappingError: both serial numbers are known, and they differ.
         """
-        if self.device.serial and found.serial and self.device.serial != found.serial:
-            raise MappingError(
-                f"{self.where} was measured on {self.device.model} {self.device.serial}, the "
-                f"recording is of {found.model} {found.serial}; calibrate that device, or give "
-                "--noise kinect-v1"
-            )
+        remedy = "calibrate that device, or give --noise kinect-v1"
+        self.device.refuse_other(found, self.where, remedy)
 
 
 def parse_noise(text: str, where: str) -> DepthNoiseModel:
@@ -209,6 +222,7 @@ def noise_to_json(
 
 
 def _first_fault(error: ValidationError) -> str:
+    """Return the place in the file and what is wrong there."""
     first = error.errors(include_url=False)[0]
     place = ".".join(str(part) for part in first["loc"]) or "the file"
     return f"{place}: {first['msg']}"
