@@ -189,7 +189,7 @@ def parse_calibration(text: str, where: str) -> Calibration:
         found = NoiseFile.model_validate_json(text)
     except ValidationError as error:
         raise MappingError(
-            f"{where}: {_first_fault(error)}; expected a depth noise file, version 1 or 2"
+            f"{where}: {first_fault(error)}; expected a depth noise file, version 1 or 2"
         ) from error
     model = DepthNoiseModel(**found.model.model_dump())
     _require_usable(model, where)
@@ -215,14 +215,14 @@ def noise_to_json(
             measured=measured,
         )
     except ValidationError as error:
-        raise MappingError(f"noise model {model.name!r}: {_first_fault(error)}") from error
+        raise MappingError(f"noise model {model.name!r}: {first_fault(error)}") from error
     _require_usable(model, f"noise model {model.name!r}")
     absent = {"measured"} if measured is None else set()
     return file.model_dump_json(indent=2, by_alias=True, exclude=absent)
 
 
-def _first_fault(error: ValidationError) -> str:
-    """Return the place in the file and what is wrong there."""
+def first_fault(error: ValidationError) -> str:
+    """Return what pydantic found first in a calibration file, as `place: what`."""
     first = error.errors(include_url=False)[0]
     place = ".".join(str(part) for part in first["loc"]) or "the file"
     return f"{place}: {first['msg']}"
