@@ -31,6 +31,14 @@ from mapping.ego_motion.states import (
     SLIP,
     SPEED,
     TICK,
+    TICK_PITCH,
+    TICK_PITCH_RATE,
+    TICK_PITCH_VARIANCE,
+    TICK_ROLL,
+    TICK_ROLL_RATE,
+    TICK_ROLL_VARIANCE,
+    TICK_SINCE_S,
+    TICK_SLIP_VARIANCE,
     TRACK_ERROR,
     TURN,
     VIBRATION_SCALE,
@@ -126,9 +134,9 @@ class PoseFilter:
         first.x[0, [X, Y, Z, YAW]] = start[[0, 1, 2, 5]]
         first.p[0] = _first_covariance(settings, start_covariance)
         first.phi[0] = np.eye(SIZE)
-        first.held[0, [0, 1]] = start[[3, 4]]
-        first.held[0, [4, 5]] = settings.tilt_lost_rad**2
-        first.held[0, 11] = settings.slip**2
+        first.held[0, [TICK_ROLL, TICK_PITCH]] = start[[3, 4]]
+        first.held[0, [TICK_ROLL_VARIANCE, TICK_PITCH_VARIANCE]] = settings.tilt_lost_rad**2
+        first.held[0, TICK_SLIP_VARIANCE] = settings.slip**2
         self._history.add(1)
 
     @property
@@ -242,8 +250,8 @@ def _vector(state: States) -> Float64Array:
     """Return x, y, z, roll, pitch, yaw of one state."""
     held = state.held[0]
     vector = POSE_OF_STATE @ state.x[0]
-    vector[3] += held[0] + held[2] * held[9]
-    vector[4] += held[1] + held[3] * held[9]
+    vector[3] += held[TICK_ROLL] + held[TICK_ROLL_RATE] * held[TICK_SINCE_S]
+    vector[4] += held[TICK_PITCH] + held[TICK_PITCH_RATE] * held[TICK_SINCE_S]
     return np.asarray(vector, np.float64)
 
 
