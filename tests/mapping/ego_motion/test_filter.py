@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mapping.ego_motion.ego_motion import EgoMotion
-from mapping.ego_motion.filter import filter_constants
 from mapping.ego_motion.filter_kernels import run
+from mapping.ego_motion.filter_start import filter_constants
 from mapping.ego_motion.filter_types import Rows, States
 from mapping.ego_motion.history import empty_states
 from mapping.ego_motion.relative import positive
