@@ -48,7 +48,7 @@ _COMMANDS = {
     "cut": _Command("copy a part of a recording", "acquisition.commands.record"),
     "merge": _Command("copy several recordings into one", "acquisition.commands.record"),
     "map": _Command("turn a recording into an elevation map", "mapping.commands"),
-    "odometry": _Command("find the rover's way from its own sensors", "mapping.odometry_commands"),
+    "odometry": _Command("find the rover's way from its own sensors", "mapping.odometry_command"),
     "export": _Command("convert a map to GeoTIFF, PLY, PNG; draw it", "mapping.output.commands"),
     "evaluate": _Command("compare a map or a way with the truth", "mapping.judging.commands"),
     "calibrate": _Command("make calibration files on a rig", "calibration_rigs.commands"),
