@@ -48,7 +48,7 @@ _COMMANDS = {
     "cut": _Command("copy a part of a recording", "acquisition.commands.record"),
     "merge": _Command("copy several recordings into one", "acquisition.commands.record"),
     "map": _Command("turn a recording into an elevation map", "mapping.commands"),
-    "odometry": _Command("find the rover's way from its own sensors", "mapping.odometry_commands"),
+    "odometry": _Command("find the rover's way from its own sensors", "mapping.odometry_command"),
     "export": _Command("convert a map to GeoTIFF, PLY, PNG; draw it", "mapping.output.commands"),
     "evaluate": _Command("compare a map or a way with the truth", "mapping.judging.commands"),
     "calibrate": _Command("make calibration files on a rig", "calibration_rigs.commands"),
@@ -125,8 +125,7 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
     try:
-        shadowed = _shadowed_room()
-        if shadowed:
+        if shadowed := _shadowed_room():
             return _fail(shadowed)
         return _run(*_parse(list(sys.argv[1:] if arguments is None else arguments)))
     except KeyboardInterrupt:
@@ -172,10 +171,12 @@ def _member(command: str, pattern: str) -> Callable[..., int]:
 
 def _run(name: str, options: argparse.Namespace) -> int:
     """Run a command; a known failure becomes one line and an exit code."""
+    from acquisition.commands.signals import ended_like_interrupted
     from drivers.errors import TerravibeError
 
     try:
-        return _member(name, "run_{}")(options, Terminal())
+        with ended_like_interrupted():
+            return _member(name, "run_{}")(options, Terminal())
     except TerravibeError as error:
         return _fail(str(error))
     except BrokenPipeError:

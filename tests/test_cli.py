@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import signal
 import subprocess
 import sys
 import tomllib
@@ -15,11 +16,14 @@ from PIL import Image
 
 import cli
 from acquisition.commands.console import CHECK_FAILED, OK
+from acquisition.editing.recording_copy import RecordingCopy
 from acquisition.inspection import check, inspect
 from mapping.ground.fill import fill_gaps
 from mapping.judging.truth import read_truth
 from mapping.output.map_file import read_map
 from simulation.run_summary import SimulatedRun
+from tests.fakes.recordings import pose
+from tests.fakes.recordings import recording as sound_recording
 
 _ROOT = Path(__file__).resolve().parents[1]
 _UNUSABLE = 2
@@ -300,6 +304,27 @@ def test_wrong_usage_is_one_line_and_exit_2(
         cli.main(arguments)
     assert stop.value.code == _UNUSABLE
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_is_ended_leaves_nothing_half_written(
+    number: signal.Signals,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path, output = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    path.write_bytes(sound_recording([pose(0)]))
+
+    def end_the_program(_copy: object, _name: str, _record: object) -> None:
+        assert len(list(tmp_path.iterdir())) == 2  # one of them has a hidden name
+        signal.raise_signal(number)
+
+    monkeypatch.setattr(RecordingCopy, "metadata", end_the_program)
+    assert cli.main(["cut", str(path), "-o", str(output)]) == 130
+    assert capsys.readouterr().err == "terravibe: interrupted; no file is left half-written\n"
+    assert list(tmp_path.iterdir()) == [path]
+    assert signal.getsignal(signal.SIGTERM) is signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
 
 
 def test_shadowed_room_is_refused(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
@@ -255,6 +256,13 @@ def test_attachments_are_kept(tmp_path: Path) -> None:
         (foreign([1], use_statistics=False), "has no index; recover it first"),
         (replaced(DATA, content(DATA)[3][0] + 200, bytes(40)), "recover it first"),
         (foreign([1], attachment=b"hello").replace(b"hello", b"hullo"), "attachment checksum"),
+        (b"", "holds nothing; expected an MCAP recording"),
+        (DATA[:5], "holds only 5 bytes; expected an MCAP recording"),
+        (DATA[:8], "too short to have an end"),
+        # A bit of the summary, by which every message would change its type.
+        (replaced(DATA, DATA.rindex(b"/msg/Imu"), b"/msg/Ieu"), "checksum of the summary differs"),
+        # The length of the first chunk's data.
+        (replaced(DATA, content(DATA)[0][0] + 9 + 28 + 8 + 5, b"\x40"), "recover it first"),
     ],
 )
 def test_what_cannot_be_merged_is_refused(other: bytes, reason: str, tmp_path: Path) -> None:
@@ -277,3 +285,6 @@ def test_names_are_checked(path: Path, tmp_path: Path) -> None:
         merge([path, tmp_path / "none.mcap"], output)
     with pytest.raises(StreamError, match=r"cannot read .*: Is a directory"):
         cut(tmp_path, output)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(StreamError, match=r"cannot read .*pipe: it is no ordinary file"):
+        cut(tmp_path / "pipe", output)
