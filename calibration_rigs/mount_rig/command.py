@@ -58,10 +58,11 @@ def add_track_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_mount(options: argparse.Namespace, console: Console) -> int:
     """Write the block for rover.toml."""
-    from acquisition.files import check_target
+    from calibration_rigs.block_file import check_block_target
+    from calibration_rigs.mount_rig.camera import MOUNT_KEYS, TABLE
     from mapping.files import write_whole
 
-    check_target(options.output)
+    check_block_target(options.output, TABLE, MOUNT_KEYS)
     prepare_depth_code(console)
     with console.progress(f"reading {options.recording}"):
         samples = _samples(options.recording)

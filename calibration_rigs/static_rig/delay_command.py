@@ -38,11 +38,11 @@ def add_delay_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_delay(options: argparse.Namespace, console: Console) -> int:
     """Write the block for rover.toml."""
-    from acquisition.files import check_target
-    from calibration_rigs.static_rig.delay_session import calibrate_delays
+    from calibration_rigs.block_file import check_block_target
+    from calibration_rigs.static_rig.delay_session import DELAY_KEYS, TABLE, calibrate_delays
     from mapping.files import write_whole
 
-    check_target(options.output)
+    check_block_target(options.output, TABLE, DELAY_KEYS.values())
     prepare_depth_code(console)
     with console.progress(f"reading {options.recording}"):
         found = calibrate_delays(

@@ -17,8 +17,9 @@ from drivers.samples import PoseSample, WheelTwistSample, YawRateSample
 
 # In this order the first that a recording holds is the reference.
 SENSORS = ("mocap", "gyro", "wheels")
-# The settings of ego-motion that take a delay; motion capture has none.
-_KEYS = {"gyro": "gyro_delay_s", "wheels": "wheels_delay_s"}
+# The block of rover.toml that is written, and its settings; motion capture has none.
+TABLE = "map.ego_motion"
+DELAY_KEYS = {"gyro": "gyro_delay_s", "wheels": "wheels_delay_s"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,14 +46,14 @@ class DelayCalibration:
             f"# from {self.source}; +- is one sigma; the reference is {self.reference}, whose",
             f"# stamps are taken to be {1e3 * self.reference_delay_s:g} ms late",
             *(f"# {name} has {describe_gaps(gaps)}" for name, gaps in self.gaps.items()),
-            "[map.ego_motion]",
+            f"[{TABLE}]",
         ]
-        if self.reference in _KEYS and self.reference_delay_s >= 0.0:
-            lines.append(f"{_KEYS[self.reference]} = {self.reference_delay_s:.6f}")
+        if self.reference in DELAY_KEYS and self.reference_delay_s >= 0.0:
+            lines.append(f"{DELAY_KEYS[self.reference]} = {self.reference_delay_s:.6f}")
         for name, delay in self.delays.items():
             total_s = self._total_s(delay)
-            if name in _KEYS and total_s >= 0.0:
-                lines.append(f"{_KEYS[name]} = {total_s:.6f}  # +- {delay.sigma_s:.6f}")
+            if name in DELAY_KEYS and total_s >= 0.0:
+                lines.append(f"{DELAY_KEYS[name]} = {total_s:.6f}  # +- {delay.sigma_s:.6f}")
             else:  # ego-motion takes no delay of this sensor, or none below 0
                 lines.append(f"# {name}: {total_s:.6f} s +- {delay.sigma_s:.6f}")
         return "\n".join(lines) + "\n"

@@ -14,8 +14,14 @@ import cli
 from acquisition.importing import record_all
 from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, StaticTransform
 from acquisition.stream.writer import StreamWriter
+from calibration_rigs.block_file import check_block_target
 from calibration_rigs.errors import RigError
-from calibration_rigs.mount_rig.camera import CameraMount, calibrate_camera
+from calibration_rigs.mount_rig.camera import (
+    MOUNT_KEYS,
+    TABLE,
+    CameraMount,
+    calibrate_camera,
+)
 from calibration_rigs.mount_rig.floor import find_floor
 from calibration_rigs.mount_rig.track import calibrate_track
 from drivers.samples import DepthFrame, WheelTwistSample, YawRateSample, frozen_array
@@ -208,6 +214,7 @@ def test_the_command_writes_a_block_that_rover_toml_takes(
     rover = tmp_path / "rover.toml"
     rover.write_text(output.read_text())
     assert cli.main(["config", "show", str(rover)]) == 0
+    check_block_target(output, TABLE, MOUNT_KEYS)  # it may be made anew
 
 
 def test_a_recording_without_turns_is_one_line(
