@@ -145,6 +145,20 @@ def test_one_turn_gives_no_sigma_and_wrong_angles_are_refused() -> None:
         calibrate_track([], [math.pi])
 
 
+@pytest.mark.parametrize(("first", "last"), [(150, 190), (90, 130)])
+def test_a_turn_with_wheel_speeds_missing_is_refused(first: int, last: int) -> None:
+    """Within the turn, or over its beginning."""
+    twists = _twists([0.55, 0.55], [math.pi, math.pi])
+    whole = calibrate_track(twists[:60] + twists[90:], [math.pi, math.pi])  # missing at rest
+    assert whole.track_m.value == pytest.approx(0.55, rel=2e-3)
+    with pytest.raises(RigError, match=r"turn 1 has no wheel speeds for 0\.82 s; expected"):
+        calibrate_track(twists[:first] + twists[last:], [math.pi, math.pi])
+    with pytest.raises(
+        RigError, match=r"3 turns .*; the wheels have no samples for 1\.22 s"
+    ):
+        calibrate_track(twists[:150] + twists[210:], [math.pi, math.pi])
+
+
 def _gyro(angles_rad: list[float], bias_rad_s: float = 0.02) -> list[YawRateSample]:
     """Return what a gyro sees of the turns of `_twists`, its axis down, at 50 Hz."""
     wheels = _twists([1.0] * len(angles_rad), angles_rad)
