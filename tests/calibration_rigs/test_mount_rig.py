@@ -153,9 +153,7 @@ def test_a_turn_with_wheel_speeds_missing_is_refused(first: int, last: int) -> N
     assert whole.track_m.value == pytest.approx(0.55, rel=2e-3)
     with pytest.raises(RigError, match=r"turn 1 has no wheel speeds for 0\.82 s; expected"):
         calibrate_track(twists[:first] + twists[last:], [math.pi, math.pi])
-    with pytest.raises(
-        RigError, match=r"3 turns .*; the wheels have no samples for 1\.22 s"
-    ):
+    with pytest.raises(RigError, match=r"3 turns .*; the wheels have no samples for 1\.22 s"):
         calibrate_track(twists[:150] + twists[210:], [math.pi, math.pi])
 
 
