@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from calibration_rigs.plate_rig.cell import CellResult
+from calibration_rigs.plate_rig.cell_result import CellResult
 from calibration_rigs.plate_rig.process import PlateResult, worst_held_out
 from mapping.calibration_file import DeviceIdentity, Measured, ValidityBox, noise_to_json
 from mapping.noise import DepthNoiseModel

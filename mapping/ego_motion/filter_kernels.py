@@ -45,6 +45,18 @@ from mapping.ego_motion.states import (
     SIZE,
     SLIP,
     SPEED,
+    TICK_FORCE,
+    TICK_PITCH,
+    TICK_PITCH_RATE,
+    TICK_PITCH_VARIANCE,
+    TICK_REST_VARIANCE,
+    TICK_ROLL,
+    TICK_ROLL_RATE,
+    TICK_ROLL_VARIANCE,
+    TICK_SINCE_S,
+    TICK_SLIP_VARIANCE,
+    TICK_SPEED_WALK,
+    TICK_STILL,
     TRACK_ERROR,
     TURN,
     VIBRATION,
@@ -91,7 +103,7 @@ def run(
     """
     x, p, phi, held = state.x[0], state.p[0], state.phi[0], state.held[0]
     t_ns = state.t_ns[0]
-    tick_ns = t_ns - round(1e9 * held[9])
+    tick_ns = t_ns - round(1e9 * held[TICK_SINCE_S])
     written = 0
     for i in range(len(rows.t_ns)):
         _move(x, p, phi, held, (t_ns - tick_ns) * 1e-9, (rows.t_ns[i] - t_ns) * 1e-9, c)
@@ -122,12 +134,12 @@ def run(
             out.p[written] = p
             out.phi[written] = phi
             out.held[written] = held
-            out.held[written, 9] = 0.0
+            out.held[written, TICK_SINCE_S] = 0.0
             written += 1
             phi[:] = np.eye(SIZE)
     _move(x, p, phi, held, (t_ns - tick_ns) * 1e-9, (end_ns - t_ns) * 1e-9, c)
     state.t_ns[0] = end_ns
-    held[9] = (end_ns - tick_ns) * 1e-9
+    held[TICK_SINCE_S] = (end_ns - tick_ns) * 1e-9
     return written
 
 
@@ -145,13 +157,13 @@ def _move(
     if dt <= 0.0:
         return
     middle = since_tick_s + 0.5 * dt
-    roll = held[0] + held[2] * middle - x[ROLL_ERROR] - x[ROLL_BIAS]
-    pitch = held[1] + held[3] * middle - x[PITCH_ERROR] - x[PITCH_BIAS]
+    roll = held[TICK_ROLL] + held[TICK_ROLL_RATE] * middle - x[ROLL_ERROR] - x[ROLL_BIAS]
+    pitch = held[TICK_PITCH] + held[TICK_PITCH_RATE] * middle - x[PITCH_ERROR] - x[PITCH_BIAS]
     sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
     sy, cy = math.sin(x[YAW]), math.cos(x[YAW])
     factor = _factor(x)
     v = x[SPEED] / factor
-    steep = held[3] / (cr * cr) + x[TURN] * sr / (cr * cr)
+    steep = held[TICK_PITCH_RATE] / (cr * cr) + x[TURN] * sr / (cr * cr)
     a = np.zeros((4, 4))
     # Columns: yaw (of x, y) or turn (of yaw); v or roll error; pitch error.
     a[0] = (-v * cp * sy * dt, cp * cy * dt, v * sp * cy * dt, 0.0)
@@ -159,12 +171,12 @@ def _move(
     a[2] = (0.0, -sp * dt, v * cp * dt, 0.0)
     # The rate of the levelled pitch has the rate of its error in it; by parts this is the change
     # of tan r times that error.
-    rate = (held[3] * sr / cr + x[TURN] / cr) / cp
+    rate = (held[TICK_PITCH_RATE] * sr / cr + x[TURN] / cr) / cp
     a[2, 3] = -rate * sp / cp * dt  # of the yaw, by the pitch
-    a[3] = (dt / (cr * cp), -steep / cp * dt, held[2] / (cr * cr * cp) * dt, 0.0)
+    a[3] = (dt / (cr * cp), -steep / cp * dt, held[TICK_ROLL_RATE] / (cr * cr * cp) * dt, 0.0)
     d = np.ones(SIZE)
     # A walk of density q, pulled back with time tau, stays within sqrt(q tau / 2).
-    walk = c.acceleration_walk if _is_free(held) else held[8]
+    walk = c.acceleration_walk if _is_free(held) else held[TICK_SPEED_WALK]
     d[SPEED] = math.exp(-0.5 * dt * walk / (c.speed_sigma_m_s * c.speed_sigma_m_s))
     d[ACCELERATION] = math.exp(-dt / c.acceleration_time_s)
     d[TURN] = math.exp(-dt / c.turn_time_s)
@@ -178,13 +190,13 @@ def _move(
     for i in range(SIZE):
         if i != SPEED:
             x[i] *= d[i]
-    guided = held[10] > 0.0
+    guided = held[TICK_REST_VARIANCE] > 0.0
     if guided:
-        after = (v + (held[7] - x[FORCE_ERROR]) * dt) * d[SPEED]
+        after = (v + (held[TICK_FORCE] - x[FORCE_ERROR]) * dt) * d[SPEED]
         speeds = (factor, v, _factor(x), after, dt)
         x[SPEED] = after * speeds[2]
     else:
-        speeds = (factor, v, 1.0, 0.0, dt if held[6] == 0.0 else 0.0)
+        speeds = (factor, v, 1.0, 0.0, dt if held[TICK_STILL] == 0.0 else 0.0)
         x[SPEED] = (x[SPEED] + acceleration * speeds[4]) * d[SPEED]
     _row_steps(p, a, d, speeds, guided)
     _row_steps(p.T, a, d, speeds, guided)
@@ -201,7 +213,7 @@ def _factor(x: Float64Array) -> float:
 @njit(inline="always")
 def _is_free(held: Float64Array) -> bool:
     """Tell whether the rover moves, and no force tells its acceleration."""
-    return bool(held[6] == 0.0 and held[10] == 0.0)
+    return bool(held[TICK_STILL] == 0.0 and held[TICK_REST_VARIANCE] == 0.0)
 
 
 @njit(inline="always")
@@ -223,29 +235,29 @@ def _noise(
     p[X, Y] -= side * sy * cy
     p[Y, X] -= side * sy * cy
     p[Z, Z] += 2.0 * c.lateral_slip_time_s * (c.vertical_walk_ratio * v) ** 2 * dt
-    if held[6] == 0.0:
-        p[SPEED, SPEED] += held[8] * dt
+    if held[TICK_STILL] == 0.0:
+        p[SPEED, SPEED] += held[TICK_SPEED_WALK] * dt
         p[TURN, TURN] += c.turn_walk * c.turn_walk * dt
     else:
         # At rest nothing changes by more, from tick to tick, than is assumed of rest itself;
         # otherwise every reading of the gyro would be as far from rest as a turning rover's.
         p[SPEED, SPEED] += c.zero_speed_m_s**2 / c.tick_s * dt
         p[TURN, TURN] += c.zero_rate_rad_s**2 / c.tick_s * dt
-    if held[10] > 0.0:
+    if held[TICK_REST_VARIANCE] > 0.0:
         p[FORCE_ERROR, FORCE_ERROR] += c.force_walk * c.force_walk * dt
     p[GYRO_BIAS, GYRO_BIAS] += c.gyro_bias_walk * c.gyro_bias_walk * dt
     p[WHEEL_SCALE, WHEEL_SCALE] += c.wheel_scale_walk * c.wheel_scale_walk * dt
     # Wheels that slip by half may grip again at any moment, or go on.
-    fresh = (1.0 - d[SLIP] * d[SLIP]) * (held[11] + slip * slip)
-    if held[10] > 0.0:
+    fresh = (1.0 - d[SLIP] * d[SLIP]) * (held[TICK_SLIP_VARIANCE] + slip * slip)
+    if held[TICK_REST_VARIANCE] > 0.0:
         _slip_more(p, v, fresh)  # the rover's own speed does not ask for the wheels
     else:
         p[SLIP, SLIP] += fresh
     fresh = 1.0 - d[ACCELERATION] * d[ACCELERATION]
     p[ACCELERATION, ACCELERATION] += fresh * c.acceleration_m_s2 * c.acceleration_m_s2
     fresh = 1.0 - d[ROLL_ERROR] * d[ROLL_ERROR]
-    p[ROLL_ERROR, ROLL_ERROR] += fresh * held[4]
-    p[PITCH_ERROR, PITCH_ERROR] += fresh * held[5]
+    p[ROLL_ERROR, ROLL_ERROR] += fresh * held[TICK_ROLL_VARIANCE]
+    p[PITCH_ERROR, PITCH_ERROR] += fresh * held[TICK_PITCH_VARIANCE]
 
 
 @njit(inline="always")
@@ -349,14 +361,14 @@ def _gyro(
     Otherwise a turn that begins unnoticed would be learned as bias.
     """
     for attempt in range(2):
-        gate = c.gate_nis if held[6] > 0.0 and attempt == 0 else np.inf
+        gate = c.gate_nis if held[TICK_STILL] > 0.0 and attempt == 0 else np.inf
         outcome, nis = _scalar(
             x, p, phi, TURN, 1.0, GYRO_BIAS, 1.0, -1, 0.0,
             value[0] - x[TURN] - x[GYRO_BIAS], value[1], gate,
         )  # fmt: skip
         if outcome == TAKEN:
             break
-        held[6] = 0.0
+        held[TICK_STILL] = 0.0
         p[TURN, TURN] += c.turn_sigma_rad_s * c.turn_sigma_rad_s
     return outcome, nis
 
@@ -412,8 +424,9 @@ def _take_tilt(
 ) -> None:
     """Begin the tilt's errors anew where a tilt that was lost is found again."""
     for axis in range(2):
-        if value[4 + axis] < _FOUND_AGAIN * held[4 + axis]:
-            _renew(x, p, phi, ROLL_ERROR + axis, value[4 + axis])
+        variance = value[TICK_ROLL_VARIANCE + axis]
+        if variance < _FOUND_AGAIN * held[TICK_ROLL_VARIANCE + axis]:
+            _renew(x, p, phi, ROLL_ERROR + axis, variance)
 
 
 @njit(inline="always")
@@ -428,17 +441,17 @@ def _standstill(
     x: Float64Array, p: Float64Array, phi: Float64Array, held: Float64Array, c: FilterConstants
 ) -> None:
     """Speed and turn are 0 while the rover stands; a turning rover does not stand."""
-    if held[6] == 0.0:
+    if held[TICK_STILL] == 0.0:
         return
     # The next departure refers to this rest: an error of its own.
-    _renew(x, p, phi, FORCE_ERROR, held[10])
+    _renew(x, p, phi, FORCE_ERROR, held[TICK_REST_VARIANCE])
     outcome, _ = _scalar(
         x, p, phi, TURN, 1.0, -1, 0.0, -1, 0.0, -x[TURN], c.zero_rate_rad_s**2, c.gate_nis
     )  # fmt: skip
     if outcome == LEFT_OUT:
-        held[6] = 0.0
+        held[TICK_STILL] = 0.0
         return
-    sigma = c.zero_speed_m_s if held[6] == 2.0 else c.zero_speed_alone_m_s
+    sigma = c.zero_speed_m_s if held[TICK_STILL] == 2.0 else c.zero_speed_alone_m_s
     _scalar(x, p, phi, SPEED, 1.0, -1, 0.0, -1, 0.0, -x[SPEED], sigma * sigma, np.inf)
 
 
@@ -458,8 +471,8 @@ def _pose(
     h[0, X] = h[1, Y] = h[2, Z] = h[5, YAW] = 1.0
     h[3, ROLL_ERROR] = h[3, ROLL_BIAS] = h[4, PITCH_ERROR] = h[4, PITCH_BIAS] = -1.0
     innovation = pose - h @ x
-    innovation[3] -= held[0] + held[2] * since_tick_s
-    innovation[4] -= held[1] + held[3] * since_tick_s
+    innovation[3] -= held[TICK_ROLL] + held[TICK_ROLL_RATE] * since_tick_s
+    innovation[4] -= held[TICK_PITCH] + held[TICK_PITCH_RATE] * since_tick_s
     innovation[5] -= 2.0 * math.pi * round(innovation[5] / (2.0 * math.pi))
     hp = h @ p
     s = hp @ np.ascontiguousarray(h.T) + covariance

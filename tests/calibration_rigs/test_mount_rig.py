@@ -14,7 +14,6 @@ import cli
 from acquisition.importing import record_all
 from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, StaticTransform
 from acquisition.stream.writer import StreamWriter
-from calibration_rigs.block_file import check_block_target
 from calibration_rigs.errors import RigError
 from calibration_rigs.mount_rig.camera import (
     MOUNT_KEYS,
@@ -24,6 +23,7 @@ from calibration_rigs.mount_rig.camera import (
 )
 from calibration_rigs.mount_rig.floor import find_floor
 from calibration_rigs.mount_rig.track import calibrate_track
+from calibration_rigs.rover_block import check_block_target
 from drivers.samples import DepthFrame, WheelTwistSample, YawRateSample, frozen_array
 from drivers.source import SourceInfo
 from mapping.geometry import RigidTransform

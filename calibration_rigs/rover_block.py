@@ -1,15 +1,40 @@
-"""Blocks for rover.toml, in files of their own: they replace no file that holds anything else."""
+"""The output of a calibration whose result is a block of rover.toml.
+
+The block goes into a file of its own, which replaces no file that holds anything else. Nothing
+heavy is imported before a command runs.
+"""
 
 from __future__ import annotations
 
-import tomllib
+import argparse
 from collections.abc import Collection, Iterator
 from pathlib import Path
+from typing import Protocol
 
-from acquisition.files import check_target
+from acquisition.commands.arguments import product
+from acquisition.commands.console import Console, Describable, show
 from calibration_rigs.errors import RigError
 
 _NAMED_AT_MOST = 3
+
+
+class Block(Describable, Protocol):
+    """A result that rover.toml can hold."""
+
+    def toml(self) -> str:
+        """Return the block."""
+
+
+def add_block_output(parser: argparse.ArgumentParser) -> None:
+    """Declare where the block goes."""
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=product(".toml"),
+        required=True,
+        metavar="FILE.toml",
+        help="a block to put into rover.toml",
+    )
 
 
 def check_block_target(path: Path, table: str, keys: Collection[str]) -> None:
@@ -26,6 +51,8 @@ def check_block_target(path: Path, table: str, keys: Collection[str]) -> None:
         RigError: there is something else at `path`, such as the whole rover.toml.
         StreamError: it cannot be written.
     """
+    from acquisition.files import check_target
+
     check_target(path)
     if not path.exists() or path.stat().st_size == 0:
         return
@@ -41,12 +68,26 @@ def check_block_target(path: Path, table: str, keys: Collection[str]) -> None:
     )
 
 
+def write_block(options: argparse.Namespace, console: Console, result: Block) -> None:
+    """Write the block, and print the result in the form that was asked for.
+
+    Raises:
+        MappingError: the file cannot be written.
+    """
+    from mapping.files import write_whole
+
+    write_whole(options.output, result.toml().encode())
+    show(console, result, as_json=options.json)
+
+
 def _names(path: Path) -> set[str]:
     """Return the settings of a TOML file, tables without any among them, with dots in between.
 
     Raises:
         RigError: it is none, or cannot be read.
     """
+    import tomllib
+
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

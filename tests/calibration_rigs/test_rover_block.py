@@ -8,10 +8,10 @@ import pytest
 
 import cli
 from acquisition.errors import StreamError
-from calibration_rigs.block_file import check_block_target
 from calibration_rigs.errors import RigError
 from calibration_rigs.mount_rig.camera import MOUNT_KEYS
 from calibration_rigs.mount_rig.camera import TABLE as MOUNT_TABLE
+from calibration_rigs.rover_block import check_block_target
 from calibration_rigs.static_rig.delay import Delay
 from calibration_rigs.static_rig.delay_session import DELAY_KEYS, TABLE, DelayCalibration
 
