@@ -12,6 +12,7 @@ class MapperCounts:
     Attributes:
         frames: depth frames mapped.
         frames_without_pose: depth frames left out because no pose surrounds their time.
+        frames_known: depth frames left out because the world has them from a run before.
         poses, poses_out_of_order: poses taken; poses left out because they came out of order.
         readings: valid depth readings of the mapped frames, without those dropped (below).
         readings_outside: readings of them that fell outside the grid.
@@ -31,6 +32,7 @@ class MapperCounts:
 
     frames: int = 0
     frames_without_pose: int = 0
+    frames_known: int = 0
     poses: int = 0
     poses_out_of_order: int = 0
     readings: int = 0

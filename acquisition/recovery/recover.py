@@ -28,7 +28,7 @@ from mcap.records import Message
 
 from acquisition.editing.recording_copy import RecordingCopy
 from acquisition.errors import StreamError
-from acquisition.files import refuse_same_file, replacing
+from acquisition.files import refuse_same_file, replacing, written_name
 from acquisition.messages import codec
 from acquisition.recovery.damaged_file import DamagedFile
 from acquisition.recovery.record_checks import SoundRecord, may_be_another_kind
@@ -77,7 +77,7 @@ def recover(
 def _provenance(path: Path, size_bytes: int, found: Salvage) -> dict[str, str]:
     damaged = [asdict(damage) for damage in found.damaged[:_LISTED_DAMAGES]]
     return {
-        "source": path.name,
+        "source": written_name(path),
         "size_bytes": str(size_bytes),
         "damaged": json.dumps(damaged),
         "versions": json.dumps(software_versions(), sort_keys=True),
@@ -156,7 +156,7 @@ class _SecondPass:
         if not self._found.vouched:
             if self._found.chunked and not span.anchored:
                 reason = "message found behind damage; it may be what a damaged chunk held"
-            elif may_be_another_kind(record.body):
+            elif may_be_another_kind(record.body, chunked=self._found.chunked):
                 reason = "message that has the form of another record"
             elif not self._decodes(record.content):
                 reason = "message that does not decode"

@@ -143,6 +143,11 @@ def _warnings(result: MapResult) -> list[str]:
         )
     if report.unprotected_messages:
         lines.append(f"{report.unprotected_messages} messages have no checksum")
+    if counts.frames_known:
+        lines.append(
+            f"{counts.frames_known} depth frames were in the world already and are not counted "
+            f"again; {counts.frames} are new"
+        )
     if counts.frames_without_pose:
         lines.append(_without_pose(counts.frames_without_pose, result.settings))
     if counts.misfits:

@@ -45,7 +45,7 @@ def check_continues(store: TileStore, settings: MapSettings) -> None:
     Poses of another source have errors of another kind, and mostly another terrain frame.
 
     Raises:
-        MappingError: the world's cells or poses are others.
+        MappingError: the world's cells or poses are others, or it does not know its frames.
     """
     known = settings_of(store)
     if known.resolution_m != settings.resolution_m:
@@ -57,6 +57,11 @@ def check_continues(store: TileStore, settings: MapSettings) -> None:
         raise MappingError(
             f"the world {store.path} was made with poses of {known.pose_source}, the settings ask "
             f"for {settings.pose_source}; give --pose-source {known.pose_source}, or a new world"
+        )
+    if store.run.frames is None:
+        raise MappingError(
+            f"the world {store.path} does not say which depth frames it holds: it was made before "
+            "that was noted; map its recordings into a new world"
         )
 
 

@@ -216,6 +216,34 @@ def test_a_bit_does_not_make_a_message_of_another_record(kind: Opcode, tmp_path:
                 break
 
 
+def test_without_chunks_no_message_is_taken_for_an_index_of_one(tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    writer = Writer(stream, use_chunking=False)
+    writer.start()
+    channel = writer.register_channel("/t", "json", 0)
+    for sequence in range(200):  # that of 112 has the form of an index of seven messages
+        writer.add_message(channel, sequence, bytes(96), sequence, sequence)
+    writer.finish()
+    report, saved, _ = run(stream.getvalue(), tmp_path)
+    assert len(saved) == 200
+    assert report.sound
+
+
+@pytest.mark.parametrize("name", ["not compressed", "no chunks"])
+def test_what_only_looks_like_a_record_of_an_unknown_kind_takes_nothing_along(
+    name: str, tmp_path: Path
+) -> None:
+    data = foreign(**FOREIGN[name])
+    whole = unpacked(data)
+    for place in (10478, 14467, 22448):
+        # Behind one byte too many, the last byte of a record and the next one's head are a head.
+        report, saved, _ = run(data[:place] + data[place - 1 :], tmp_path)
+        assert len(saved) >= len(whole) - 30, place  # those of the chunk that was hit
+        # Nothing vouches for a message outside chunks, here the one that was hit.
+        assert (Counter(saved) - Counter(whole)).total() <= (name == "no chunks")
+        assert report.skipped_bytes < 4000, place
+
+
 def test_a_chunk_whose_checksum_is_gone_is_not_trusted(tmp_path: Path) -> None:
     start, _ = content(DATA)[3]
     damaged = replaced(DATA, start + 9 + 24, bytes(4))
