@@ -108,11 +108,13 @@ def _pool(scenario: str, name: str, runs: Sequence[Scores]) -> Pooled:
     cells = sum(run["cells"] for run in filled)
 
     def mean(key: str, power: int = 1) -> float:
+        """Return the mean of a score to a power, by cells."""
         return (
             sum(run["cells"] * run[key] ** power for run in filled) / cells if cells else math.nan
         )
 
     def extremes(key: str, factor: float) -> tuple[float, float]:
+        """Return the least and the largest of a score over the runs."""
         values = [factor * run[key] for run in filled] or [math.nan]
         return min(values), max(values)
 
