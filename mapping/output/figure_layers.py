@@ -24,7 +24,7 @@ def two_plans(map_: ElevationMap) -> tuple[Figure, Axes, Axes]:
     width, height = max(scale * columns, 2.0) + _COLOUR_BAR_IN, max(scale * rows, 2.0) + 1.0
     wide = columns > _WIDE * rows
     figure = Figure(
-        figsize=(width, 2.0 * height) if wide else (2.0 * width, height), layout="constrained"
+        figsize=(width, 2.0 * height) if wide else (2.0 * width, height), layout="compressed"
     )
     first, second = figure.subplots(2, 1) if wide else figure.subplots(1, 2)
     return figure, first, second

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from mapping.errors import MappingError
 from mapping.files import write_whole
-from mapping.judging.odometry import OdometryScores
+from mapping.judging.odometry_scores import OdometryScores
 from mapping.output.figure_profile import BLUE, ORANGE
 from mapping.output.figures import png_bytes
 

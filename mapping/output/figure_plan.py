@@ -92,7 +92,8 @@ def plan(map_: ElevationMap, title: str) -> tuple[Figure, Axes]:
     rows, columns = map_.state.shape
     scale = _LENGTH_IN / max(rows, columns)
     size = (max(scale * columns, _BREADTH_MIN_IN) + 1.8, max(scale * rows, _BREADTH_MIN_IN) + 0.8)
-    figure = Figure(figsize=size, layout="constrained")
+    # "constrained" does not know of the equal scales, and cuts what stands beside a long map.
+    figure = Figure(figsize=size, layout="compressed")
     axes = figure.add_subplot()
     label_plan(axes, title)
     return figure, axes

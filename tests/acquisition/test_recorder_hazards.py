@@ -19,7 +19,8 @@ from acquisition.recording.source_worker import SourceWorker, WorkerSettings
 from drivers.errors import DriverError
 from drivers.samples import AccelerationSample, PoseSample, Sample, frozen_array
 from drivers.source import SourceInfo
-from tests.acquisition.test_recorder import (
+from tests.acquisition.test_stream_writer import files_may_grow_to
+from tests.fakes.recorder_runs import (
     MS,
     QUICK,
     FixedClock,
@@ -32,7 +33,6 @@ from tests.acquisition.test_recorder import (
     record,
     tracker,
 )
-from tests.acquisition.test_stream_writer import files_may_grow_to
 from tests.fakes.recordings import acceleration
 from tests.fakes.scripted_source import ScriptedSource
 

@@ -17,7 +17,7 @@ from acquisition.recording.output import RecordingOutput
 from acquisition.recording.recorder import Recorder
 from acquisition.recording.ring_output import RingOutput, RingSettings
 from acquisition.stream.open_part import PartLimits
-from tests.acquisition.test_recorder import QUICK, SecondsClock, accelerations, poses, tracker
+from tests.fakes.recorder_runs import QUICK, SecondsClock, accelerations, poses, tracker
 from tests.fakes.scripted_source import ScriptedSource
 
 S = 1_000_000_000

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +70,16 @@ def test_maps_of_any_shape_can_be_drawn(
 ) -> None:
     monkeypatch.setattr(figures, "_DPI", 30)  # the pixels do not matter
     assert len(write_figures(make_map(np.zeros(shape)), tmp_path, np.zeros(shape))) == 9
+
+
+@pytest.mark.parametrize(("draw", "shape"), [(height_figure, (10, 30)), (layers_figure, (30, 10))])
+def test_no_word_of_a_long_plan_is_cut(
+    draw: Callable[[ElevationMap], Figure], shape: tuple[int, int]
+) -> None:
+    map_ = make_map(np.linspace(0.0, 1.0, 300).reshape(shape))
+    with Image.open(io.BytesIO(png_bytes(draw(map_)))) as picture:
+        grey = np.asarray(picture.convert("L"))
+    assert all(np.all(edge == 255) for edge in (grey[0], grey[-1], grey[:, 0], grey[:, -1]))
 
 
 def test_plans_have_units_equal_scales_and_the_right_place() -> None:
