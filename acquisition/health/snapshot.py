@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, is_dataclass
 
 from acquisition.health.diagnostics import DeviceStatus, Diagnostics, Level, fault_values
 from acquisition.health.stream_track import StreamStatistics
@@ -13,8 +13,6 @@ from drivers.faults import NO_FAULTS, Faults
 
 # A rate this far below the nominal one is worth a warning.
 _RATE_TOLERANCE = 0.1
-# Listed once: `asdict` makes its list of fields anew each time, by a generator (see `monitor`).
-_FIGURES = [figure.name for figure in fields(StreamStatistics)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +131,16 @@ def _stream_losses(stream: StreamHealth) -> list[str]:
 
 def as_json(snapshot: HealthSnapshot) -> dict[str, object]:
     """Return the snapshot as JSON values, under the names of its attributes."""
-    return asdict(snapshot)
+    return {name: _json_value(getattr(snapshot, name)) for name in snapshot.__dataclass_fields__}
+
+
+def _json_value(value: object) -> object:
+    """Return what `dataclasses.asdict` would, without its generators (see `monitor`)."""
+    if is_dataclass(value):
+        return {name: _json_value(getattr(value, name)) for name in value.__dataclass_fields__}
+    if isinstance(value, tuple):
+        return [_json_value(item) for item in value]
+    return dict(value) if isinstance(value, Mapping) else value
 
 
 def diagnostics_of(snapshot: HealthSnapshot) -> Diagnostics:
@@ -162,7 +169,8 @@ def _device_status(source: SourceHealth) -> DeviceStatus:
         "clock_skew_ppm": source.clock_skew_ppm,
     }
     for stream in source.streams:
-        figures = {name: getattr(stream.statistics, name) for name in _FIGURES} | {
+        s = stream.statistics
+        figures = {name: getattr(s, name) for name in s.__dataclass_fields__} | {
             "size_bytes": stream.size_bytes,
             "refused": stream.refused,
         }
@@ -185,5 +193,5 @@ def statistics_record(snapshot: HealthSnapshot) -> dict[str, str]:
     whole = {"elapsed_s": snapshot.elapsed_s, "warnings": list(snapshot.warnings)}
     record = {"recorder": json.dumps(whole)}
     return record | {
-        f"source.{source.name}": json.dumps(asdict(source)) for source in snapshot.sources
+        f"source.{source.name}": json.dumps(_json_value(source)) for source in snapshot.sources
     }

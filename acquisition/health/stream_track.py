@@ -62,7 +62,7 @@ class StreamTrack:
         self._steps = 0
         self._sum_ns = self._sum_squares_ns2 = 0.0
 
-    def accept(self, t_ns: int, sequence: int, *, reopened: bool, dropped: int) -> tuple[int, int]:
+    def accept(self, t_ns: int, sequence: int, *, reopened: bool, dropped: int) -> int:
         """Take the next sample into account.
 
         A source that was opened again counts from 0 again; the recording counts on, so that a
@@ -72,14 +72,14 @@ class StreamTrack:
             t_ns: its time.
             sequence: its number at the source.
             reopened: the source was lost and found before this sample.
-            dropped: samples of this source that the recorder threw away just before it.
+            dropped: samples of this stream that the recorder threw away just before it.
 
         Returns:
-            Its number in the recording, and how many of `dropped` were of this stream.
+            Its number in the recording.
         """
-        number, dropped_here = sequence + self._sequence_offset, 0
+        number = sequence + self._sequence_offset
         if number != self._last_sequence + 1:
-            dropped_here = self._count_missed(sequence, reopened=reopened, dropped=dropped)
+            self._count_missed(sequence, reopened=reopened, dropped=dropped)
             number = sequence + self._sequence_offset
         self._last_sequence = number
         self._samples += 1
@@ -89,18 +89,14 @@ class StreamTrack:
         else:
             self._periods += 1
             self._count_step(t_ns - last_ns, reopened=reopened)
-        return number, dropped_here
+        return number
 
-    def _count_missed(self, sequence: int, *, reopened: bool, dropped: int) -> int:
+    def _count_missed(self, sequence: int, *, reopened: bool, dropped: int) -> None:
         lost = sequence + self._sequence_offset - self._last_sequence - 1
         if lost < 0:
             self._sequence_offset = self._last_sequence + 1 - sequence
-            return 0
-        if reopened or not self._samples:
-            return 0  # nobody knows what the source would have sent
-        dropped_here = min(lost, dropped)
-        self._missed += lost - dropped_here
-        return dropped_here
+        elif self._samples and not reopened:  # else nobody knows what the source would have sent
+            self._missed += max(0, lost - dropped)
 
     def _count_step(self, step_ns: int, *, reopened: bool) -> None:
         if 0 <= step_ns <= self._longest_ns and not reopened:

@@ -81,6 +81,10 @@ class DiskOutput:
             raise StreamError(f"cannot write {self._path}: the recording was not started")
         return self._store, self._writer
 
+    def files(self) -> tuple[Path, ...]:
+        """See `RecordingOutput`."""
+        return self._store.files() if self._store else ()
+
     def close(self) -> tuple[Path, ...]:
         """See `RecordingOutput`."""
         if self._store is None:
@@ -90,4 +94,4 @@ class DiskOutput:
                 self._writer.close()
         finally:
             self._store.sync.close()
-        return tuple(self._store.files)
+        return self.files()

@@ -18,7 +18,8 @@ class DiskSync:
     """Synchronises the file that is being written, and once more each file that is finished.
 
     Attributes:
-        error: why the last attempt failed, or "".
+        error: why an attempt failed first, or "". It stays, because the system tells only once
+            that the disk refused what was written.
     """
 
     def __init__(self, interval_s: float) -> None:
@@ -27,6 +28,7 @@ class DiskSync:
         self._interval_s = interval_s
         self._lock = Lock()
         self._current: Path | None = None
+        self._removed: Path | None = None
         self._finished: list[Path] = []
         self._stop = Event()
         self._thread = Thread(target=self._live, name="disk sync", daemon=True)
@@ -40,9 +42,9 @@ class DiskSync:
             self._current = path
 
     def forget(self) -> None:
-        """Leave the current file alone: it has been removed."""
+        """Leave the current file alone: it is about to be removed."""
         with self._lock:
-            self._current = None
+            self._removed, self._current = self._current, None
 
     def close(self) -> None:
         """Synchronise everything a last time and end the thread."""
@@ -58,7 +60,10 @@ class DiskSync:
         with self._lock:
             paths = [*self._finished, *([self._current] if self._current else [])]
             self._finished.clear()
-        self.error = "; ".join(filter(None, map(_problem, paths)))
+        for path in paths:
+            problem = _problem(path)
+            if path != self._removed:
+                self.error = self.error or problem
 
 
 def _problem(path: Path) -> str:

@@ -49,7 +49,6 @@ class FolderStore:
     """Hands out the paths of the parts; a folder that is full or failed is not used again.
 
     Attributes:
-        files: the parts so far.
         left: why folders are not used any more.
         sync: keeps the parts on the disk.
     """
@@ -60,12 +59,14 @@ class FolderStore:
         Raises:
             StreamError: a name that the recording will need is taken.
         """
-        self.files: list[Path] = []
         self.left: list[str] = []
         if settings.limits != NO_LIMITS or settings.fallback_folders:
             _refuse_older_parts(path, settings.fallback_folders)
         self.sync = DiskSync(settings.sync_interval_s)
         self._path = path
+        # Where each part lies, from which follows its name: a path of its own for each part would
+        # be what makes a recording of days grow.
+        self._parts: list[Path] = []
         self._folders = [path.parent, *settings.fallback_folders]
         self._reserve_bytes = settings.reserve_bytes
         self._free = free
@@ -76,13 +77,19 @@ class FolderStore:
 
     def next_output(self) -> Path:
         """Create the next part in the first folder that takes it; see `PartStore`."""
-        name = part_path(self._path, len(self.files)).name
+        name = part_path(self._path, len(self._parts)).name
         while problem := self.problem() or self._refusal(name):
             self._leave(problem)
         path = self._folders[0] / name
-        self.files.append(path)
+        self._parts.append(self._folders[0])
         self.sync.follow(path)
         return path
+
+    def files(self) -> tuple[Path, ...]:
+        """Return the parts so far."""
+        return tuple(
+            [f / part_path(self._path, number).name for number, f in enumerate(self._parts)]
+        )
 
     def _refusal(self, name: str) -> str:
         """Create a file in the folder in use; return why that is not possible, or ""."""
@@ -120,7 +127,8 @@ class FolderStore:
         if empty:
             self.sync.forget()
             with suppress(OSError):  # the folder may be gone altogether
-                self.files.pop().unlink()
+                self.files()[-1].unlink()
+            del self._parts[-1]
         self._leave(str(error))
 
     def _leave(self, reason: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -52,10 +53,13 @@ class Intake:
         self._rates_hz = rates_hz
         self._tracks: dict[type[Sample], StreamTrack] = {}
         self._reopened: set[type[Sample]] = set()
+        self._dropped: Counter[type[Sample]] = Counter()
 
     def stamped(self, batch: Batch) -> list[Stamped]:
         """Return the batch's samples as they go into the stream."""
-        dropped = batch.dropped_before
+        dropped = self._dropped
+        if batch.dropped_before:
+            dropped.update(batch.dropped_before)
         if batch.reopened:
             self._reopened = set(self._tracks)
         live = self._is_live = batch.info.time_base == "monotonic"
@@ -67,10 +71,12 @@ class Intake:
             kind, t_ns = type(sample), sample.t_ns
             reopened = kind in self._reopened
             track = self._tracks.get(kind) or self._begin_track(kind, batch)
-            sequence, dropped_here = track.accept(
-                t_ns, sample.sequence, reopened=reopened, dropped=dropped
+            sequence = track.accept(
+                t_ns,
+                sample.sequence,
+                reopened=reopened,
+                dropped=dropped.pop(kind, 0) if dropped else 0,
             )
-            dropped -= dropped_here
             if reopened:
                 self._reopened.discard(kind)
             log_time_ns = to_log_time_ns(t_ns) if live else t_ns

@@ -42,8 +42,8 @@ class Lane:
         return self.worker.info is not None and self.worker.info.time_base == "monotonic"
 
     def is_new(self) -> bool:
-        """Tell whether the source has been opened, but the stream does not know it yet."""
-        return self.is_there() and self._announced is None and not self.refusal
+        """Tell whether the source, or the device that answers now, is unknown to the stream."""
+        return self.is_there() and self.worker.info != self._announced and not self.refusal
 
     def announce(self) -> SourceInfo:
         """Return what the stream must know, and remember that it does.
@@ -64,6 +64,6 @@ class Lane:
 
     def take(self) -> list[Stamped]:
         """Return what waits, ready to be written; nothing before the stream knows the source."""
-        if self._announced is None or self.refusal:
+        if self._announced is None or self.is_new() or self.refusal:
             return []
         return [item for batch in self.worker.queue.take() for item in self.intake.stamped(batch)]

@@ -69,5 +69,12 @@ class RecordingOutput(Protocol):
     def state(self) -> OutputState:
         """Return what became of the items so far."""
 
+    def files(self) -> tuple[Path, ...]:
+        """Return the recording's files so far, in order; those of a failed one too."""
+
     def close(self) -> tuple[Path, ...]:
-        """Complete the recording; return its files, in order. Harmless when not started."""
+        """Complete the recording; return its files, in order. Harmless when not started.
+
+        Raises:
+            StreamError: its end could not be written, or not all of it.
+        """

@@ -52,7 +52,7 @@ class RecordingResult:
     """How a recording ended.
 
     Attributes:
-        outcome: "stopped" = as asked; "ended" = every source came to its end; "output_failed" =
+        outcome: "stopped" = as asked; "ended" = no source has more to give; "output_failed" =
             the disks are full or gone.
         message: one line for people.
         files: the recording's parts, in order.

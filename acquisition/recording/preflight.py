@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from acquisition.clocks.host_clock import HostClock
 from acquisition.recording.source_worker import SourceWorker, WorkerSettings
@@ -12,6 +13,30 @@ from drivers.source import Source, SourceInfo
 
 PREFLIGHT_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 2.0
+# A stop is noticed within this time.
+STOP_SEEN_WITHIN_S = 0.05
+
+
+class StopFlag(Protocol):
+    """Tells whether it is to be stopped, such as an `Event`.
+
+    It is asked, not waited for: `Event.wait` holds the event's lock for moments, and a signal
+    handler that sets the event in such a moment, in the same thread, waits for that lock for ever.
+    """
+
+    def is_set(self) -> bool:
+        """Tell whether to stop."""
+
+
+def pause(stop: StopFlag, duration_s: float) -> bool:
+    """Sleep so long, but not beyond a stop; true when there was one."""
+    end_s = time.monotonic() + duration_s
+    while not stop.is_set():
+        left_s = end_s - time.monotonic()
+        if left_s <= 0.0:
+            return False
+        time.sleep(min(left_s, STOP_SEEN_WITHIN_S))
+    return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,16 +91,28 @@ def _line(check: SourceCheck) -> str:
     return f"ready {check.name}: {check.info.model}{serial}"
 
 
-def try_all(workers: Sequence[SourceWorker], timeout_s: float) -> PreflightReport:
-    """Start the workers and wait until each has tried once to open its source."""
+def try_all(
+    workers: Sequence[SourceWorker], timeout_s: float, stop: StopFlag | None = None
+) -> PreflightReport:
+    """Start the workers; wait until each has tried once to open its source, or for `stop`."""
     for worker in workers:
         worker.start()
     deadline_s = time.monotonic() + timeout_s
-    return PreflightReport(tuple(_check(worker, deadline_s, timeout_s) for worker in workers))
+    for worker in workers:
+        _wait_for(worker, deadline_s, stop)
+    return PreflightReport(tuple(_check(worker, timeout_s) for worker in workers))
 
 
-def _check(worker: SourceWorker, deadline_s: float, timeout_s: float) -> SourceCheck:
-    if not worker.wait_until_tried(max(0.0, deadline_s - time.monotonic())):
+def _wait_for(worker: SourceWorker, deadline_s: float, stop: StopFlag | None) -> None:
+    left_s = deadline_s - time.monotonic()
+    while not worker.wait_until_tried(min(max(0.0, left_s), STOP_SEEN_WITHIN_S)):
+        left_s = deadline_s - time.monotonic()
+        if left_s <= 0.0 or (stop is not None and stop.is_set()):
+            return
+
+
+def _check(worker: SourceWorker, timeout_s: float) -> SourceCheck:
+    if not worker.wait_until_tried(0.0):
         return SourceCheck(worker.name, None, f"{worker.name}: no answer within {timeout_s:g} s")
     error = worker.error
     return SourceCheck(worker.name, None if error else worker.info, error)

@@ -9,13 +9,10 @@ room, samples are dropped and counted.
 from __future__ import annotations
 
 import secrets
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
-from threading import Event
 
 from acquisition.clocks.clock_follower import DEFAULT_TUNING
 from acquisition.clocks.clock_sample import ClockSample
@@ -32,16 +29,15 @@ from acquisition.recording.output import RecordingOutput
 from acquisition.recording.plan import Outcome, RecordingPlan, RecordingResult
 from acquisition.recording.preflight import (
     PreflightReport,
+    StopFlag,
+    pause,
     stop_all,
     try_all,
 )
 from acquisition.recording.source_worker import SourceWorker
+from acquisition.recording.thread_priority import short_switch_interval
 from acquisition.stream.split_writer import Head
-from drivers.source import Source
-
-# Python's own 5 ms is how long the writing thread may keep a stamping thread waiting each time;
-# docs/decisions/0005-writer-thread-or-process.md has the figures.
-SWITCH_INTERVAL_S = 0.0005
+from drivers.source import Source, SourceInfo, TimeBase
 
 
 class Recorder:
@@ -86,16 +82,21 @@ class Recorder:
         ]
         self._monitor = HealthMonitor(self._lanes, self._output, self._clock)
         self._clock_records = ClockRecords(self._lanes, self._clock)
+        self._time_base: TimeBase = "monotonic"
         self._newest_ns: int | None = None
         self._handed = 0
         self._hanging: tuple[str, ...] = ()
         self._stopped = False
         self._report: PreflightReport | None = None
 
-    def preflight(self) -> PreflightReport:
-        """Open every source, all at once; they stay open for `run`. The first call does it."""
+    def preflight(self, stop: StopFlag | None = None) -> PreflightReport:
+        """Open every source, all at once; they stay open for `run`. The first call does it.
+
+        Args:
+            stop: ends the wait for those that have not answered.
+        """
         if self._report is None:
-            self._report = try_all(self._workers, self._plan.preflight_timeout_s)
+            self._report = try_all(self._workers, self._plan.preflight_timeout_s, stop)
         return self._report
 
     def close(self) -> None:
@@ -104,23 +105,28 @@ class Recorder:
 
     def run(
         self,
-        stop: Event,
+        stop: StopFlag,
         heartbeat: Callable[[HealthSnapshot], object] | None = None,
     ) -> RecordingResult:
         """Record until `stop` is set, every source has ended, or the output fails for good.
 
         Args:
-            stop: may be set from any thread and from a signal handler.
-            heartbeat: called once a second in the recording thread; must neither block nor raise.
+            stop: such as an `Event`, set in any thread or in a signal handler; set before
+                recording began, it leaves no file.
+            heartbeat: called once a second in the recording thread; must neither block nor raise,
+                but for an OSError: that a display is gone is no reason to record nothing.
 
         Raises:
             RecorderError: sources are missing that are required, or all of them.
             StreamError: the recording cannot be begun.
         """
         try:
-            self._require_sources(self.preflight())
+            report = self.preflight(stop)
+            if stop.is_set():
+                return self._not_begun()
+            self._require_sources(report)
             self._output.start(self._head())
-            with _short_switch_interval():
+            with short_switch_interval():
                 outcome, message = self._record(stop, heartbeat or (lambda _: None))
             return self._finish(outcome, message)
         except BaseException:
@@ -143,16 +149,28 @@ class Recorder:
             raise RecorderError(
                 f"{len(missing)} of {len(report.checks)} sources are missing: {reasons}"
             )
-        bases = {check.info.time_base for check in report.checks if check.info}
-        if len(bases) > 1:
+
+    def _require_same_times(self, info: SourceInfo) -> None:
+        if info.time_base != self._time_base:
             raise RecorderError(
                 "some sources are live and some play recorded times; record them separately"
             )
 
+    def _not_begun(self) -> RecordingResult:
+        self._stop_workers()
+        now_ns = self._clock.log_time_ns(self._clock.now_ns())
+        health = HealthSnapshot(now_ns, 0.0, 0, 0, 0.0, (), ())
+        message = "stopped as asked, before recording began"
+        return RecordingResult("stopped", message, (), 0, self._hanging, health)
+
     def _head(self) -> Head:
+        sources = [lane.announce() for lane in self._lanes if lane.is_there()]
+        self._time_base = sources[0].time_base
+        for source in sources:
+            self._require_same_times(source)
         return Head(
             recording=secrets.token_hex(8),
-            sources=[lane.announce() for lane in self._lanes if lane.is_there()],
+            sources=sources,
             extra_types=[Diagnostics, ClockSample],
             static_transforms=self._plan.static_transforms,
             settings=self._plan.settings,
@@ -167,7 +185,7 @@ class Recorder:
         return self.snapshot
 
     def _record(
-        self, stop: Event, heartbeat: Callable[[HealthSnapshot], object]
+        self, stop: StopFlag, heartbeat: Callable[[HealthSnapshot], object]
     ) -> tuple[Outcome, str]:
         self._monitor.begin()
         for worker in self._workers:
@@ -180,23 +198,29 @@ class Recorder:
             self._stop_workers()
 
     def _write_until(
-        self, stop: Event, heartbeat: Callable[[HealthSnapshot], object]
+        self, stop: StopFlag, heartbeat: Callable[[HealthSnapshot], object]
     ) -> tuple[Outcome, str]:
         busy_s = 0.0
         while True:
-            stopped = stop.wait(max(0.0, self._plan.flush_interval_s - busy_s))
+            stopped = pause(stop, self._plan.flush_interval_s - busy_s)
             if stopped:
                 self._stop_workers()
             # Looked at before the queues are emptied, so that nothing is left in them.
-            ended = all(worker.state in ("ended", "closed") for worker in self._workers)
+            over = all(worker.is_over() for worker in self._workers)
             busy_s = self._write_what_is_there()
             if self._monitor.interval_is_over():
                 self._output.tend()
-                heartbeat(self._tell_health())
+                snapshot = self._tell_health()
+                with suppress(OSError):
+                    heartbeat(snapshot)
             if stopped:
                 return "stopped", "recording stopped as asked"
-            if ended:
-                return "ended", "every source came to its end"
+            if over:
+                return "ended", self._why_over()
+
+    def _why_over(self) -> str:
+        failed = [worker.error for worker in self._workers if worker.state == "lost"]
+        return "; ".join(["every source came to its end", *failed])
 
     def _write_what_is_there(self) -> float:
         """Write what waits in the queues, in order of log time; return how long it took, s."""
@@ -212,11 +236,13 @@ class Recorder:
     def _announce_late_sources(self) -> None:
         for lane in self._lanes:
             if lane.is_new():
+                info = lane.announce()
                 try:
-                    self._output.add_source(lane.announce())
+                    self._require_same_times(info)
+                    self._output.add_source(info)
                 except OutputEndedError:
                     raise
-                except StreamError as error:
+                except (RecorderError, StreamError) as error:
                     lane.refuse(str(error))
 
     def _write(self, items: Sequence[Stamped]) -> None:
@@ -245,7 +271,6 @@ class Recorder:
         return [Stamped(t_ns, diagnostics_of(replace(snapshot, t_ns=t_ns)))]
 
     def _finish(self, outcome: Outcome, message: str) -> RecordingResult:
-        files: tuple[Path, ...] = ()
         try:
             if outcome == "output_failed":
                 self.snapshot = self._monitor.end_interval()
@@ -254,12 +279,11 @@ class Recorder:
         except StreamError as error:
             outcome, message = "output_failed", str(error)
         try:
-            files = self._output.close()
+            self._output.close()
         except StreamError as error:
             outcome, message = "output_failed", f"{message}; {error}"
-        return RecordingResult(
-            outcome, message, files, self._unwritten(), self._hanging, self._health()
-        )
+        files, health = self._output.files(), self._health()
+        return RecordingResult(outcome, message, files, self._unwritten(), self._hanging, health)
 
     def _unwritten(self) -> int:
         state = self._output.state()
@@ -269,14 +293,3 @@ class Recorder:
 
 def _log_time_ns(item: Stamped) -> int:
     return item.log_time_ns
-
-
-@contextmanager
-def _short_switch_interval() -> Iterator[None]:
-    """Let a stamping thread have the interpreter soon, however busy the writing thread is."""
-    before_s = sys.getswitchinterval()
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before_s)

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import io
-import re
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Event
 
 from acquisition.errors import StreamError
-from acquisition.files import replacing
 from acquisition.recording.folder_store import MB, free_bytes
 from acquisition.recording.intake import Stamped
 from acquisition.recording.output import OutputState
+from acquisition.recording.snapshot_writer import SnapshotWriter
 from acquisition.stream.open_part import PartLimits
-from acquisition.stream.parts import part_path
 from acquisition.stream.split_writer import Head, SplitWriter
 from drivers.source import SourceInfo
 
@@ -31,7 +27,8 @@ class RingSettings:
 
     Attributes:
         duration_ns: the time before a trigger that is kept.
-        memory_bytes: the most that it may take, compressed; the oldest goes first.
+        memory_bytes: the most that it may take, compressed; the oldest goes first. A snapshot
+            that is being written takes at most as much again.
         reserve_bytes: a snapshot that would leave less on the disk is not written.
     """
 
@@ -94,11 +91,11 @@ class _MemoryStore:
 
 
 class RingOutput:
-    """Keeps the last seconds in memory; `trigger` has them written as NAME_snap000.mcap, ...
+    """Keeps the last seconds in memory; `trigger` has them written, see `SnapshotWriter`.
 
-    The numbers go on behind those that are there. Each snapshot is a recording in parts. What one
-    holds is not in the next, so that snapshots in quick succession follow each other without
-    overlap.
+    Each snapshot is a recording in parts. What one holds is not in the next, so that snapshots in
+    quick succession follow each other without overlap. A trigger while one is being written takes
+    effect when that is done; nothing is lost by it unless that takes longer than the ring lasts.
     """
 
     def __init__(
@@ -120,47 +117,29 @@ class RingOutput:
         self._free = free
         self._store = _MemoryStore(settings)
         self._writer: SplitWriter | None = None
-        self._next_number = 0
-        self._triggered = Event()
-        self._snapshots: list[Future[list[Path]]] = []
-        # A disk may take longer for a snapshot than the queues last.
-        self._background = ThreadPoolExecutor(max_workers=1, thread_name_prefix="snapshot")
+        self._triggered = False
+        self._snapshots = SnapshotWriter(path, settings.reserve_bytes, free)
 
     def trigger(self) -> None:
         """Have a snapshot written soon; may be called from any thread and from a signal."""
-        self._triggered.set()
+        self._triggered = True  # no `Event`: a handler that interrupts its methods hangs in them
 
     def start(self, head: Head) -> None:
         """See `RecordingOutput`."""
-        # A snapshot whose name is taken would be lost: what it holds has left the ring.
-        self._next_number = _number_behind_all(self._path)
+        self._snapshots.start()
         self._writer = SplitWriter(self._store, head, self._settings.part_limits)
 
     def write(self, items: Sequence[Stamped]) -> None:
         """See `RecordingOutput`; a trigger takes effect behind these items."""
         writer = self._started()
         writer.write(items)
-        if self._triggered.is_set():
-            self._triggered.clear()
-            writer.begin_part()
-            number = self._next_number
-            self._next_number += 1
-            parts = self._store.take()
-            self._snapshots.append(self._background.submit(self._write_snapshot, number, parts))
+        if self._triggered and not self._snapshots.is_busy():
+            self._take_snapshot(writer)
 
-    def _write_snapshot(self, number: int, parts: Sequence[bytes]) -> list[Path]:
-        path = self._path.with_stem(f"{self._path.stem}_snap{number:03d}")
-        size_bytes = sum(map(len, parts))
-        free = self._free(path.parent)
-        if free - size_bytes < self._settings.reserve_bytes:
-            raise StreamError(
-                f"snapshot {path} of {size_bytes // MB} MB not written: {free // MB} MB are "
-                f"free, the reserve is {self._settings.reserve_bytes // MB} MB"
-            )
-        files = [part_path(path, index) for index in range(len(parts))]
-        for file, data in zip(files, parts, strict=True):
-            _write_file(file, data)
-        return files
+    def _take_snapshot(self, writer: SplitWriter) -> None:
+        self._triggered = False
+        writer.begin_part()
+        self._snapshots.submit(self._store.take())
 
     def add_source(self, info: SourceInfo) -> None:
         """See `RecordingOutput`."""
@@ -172,8 +151,8 @@ class RingOutput:
     def state(self) -> OutputState:
         """See `RecordingOutput`; `bytes_written` is what the ring has taken in so far."""
         writer = self._started()
-        done = [future for future in self._snapshots if future.done()]
-        warnings = [str(error) for future in done if (error := future.exception())]
+        self._snapshots.is_busy()  # if not, its outcome is known now
+        warnings = [self._snapshots.problem()]
         if self._store.shortened:
             warnings.append("the ring is shorter than asked for: its memory is full")
         try:
@@ -195,28 +174,20 @@ class RingOutput:
             raise StreamError(f"cannot write {self._path}: the recording was not started")
         return self._writer
 
+    def files(self) -> tuple[Path, ...]:
+        """See `RecordingOutput`."""
+        return self._snapshots.files()
+
     def close(self) -> tuple[Path, ...]:
         """Wait for the snapshots; see `RecordingOutput`. What is still in the ring is given up.
 
         Raises:
             StreamError: a snapshot could not be written.
         """
-        self._background.shutdown()
-        return tuple(path for future in self._snapshots for path in future.result())
-
-
-def _number_behind_all(path: Path) -> int:
-    """Return the number of the next snapshot: behind those of older recordings of that name."""
-    pattern = re.compile(rf"{re.escape(path.stem)}_snap(\d+)(?:_\d+)?{re.escape(path.suffix)}")
-    matches = (pattern.fullmatch(file.name) for file in path.parent.glob(f"*{path.suffix}"))
-    return max((int(match[1]) + 1 for match in matches if match), default=0)
-
-
-def _write_file(path: Path, data: bytes) -> None:
-    if path.exists():
-        raise StreamError(f"{path} exists already; give the recording another name")
-    try:
-        with replacing(path) as temporary:
-            temporary.write_bytes(data)
-    except OSError as error:
-        raise StreamError(f"cannot write {path}: {error.strerror}") from error
+        self._snapshots.wait()
+        if self._triggered and self._writer is not None:
+            self._take_snapshot(self._writer)
+        self._snapshots.close()
+        if problem := self._snapshots.problem():
+            raise StreamError(problem)
+        return self.files()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from threading import Lock
@@ -12,6 +13,7 @@ from drivers.source import SourceInfo
 
 # What a sample without an image takes in memory, generously (measured: 300 to 700 bytes).
 SMALL_SAMPLE_BYTES = 1024
+_NOTHING: Counter[type[Sample]] = Counter()
 
 
 class Batch(NamedTuple):
@@ -20,13 +22,13 @@ class Batch(NamedTuple):
     Attributes:
         info: the source, as it was when it was opened.
         samples: those that found room.
-        dropped_before: samples that were thrown away since the batch before this one.
+        dropped_before: samples that were thrown away since the batch before this one, by type.
         reopened: the source was lost and found between the batch before and this one.
     """
 
     info: SourceInfo
     samples: list[Sample]
-    dropped_before: int
+    dropped_before: Counter[type[Sample]]
     reopened: bool
 
 
@@ -71,7 +73,7 @@ class SampleQueue:
         self._size_bytes = 0
         self._highest_bytes = 0
         self._dropped = 0
-        self._dropped_untold = 0
+        self._dropped_untold = _NOTHING
 
     def put(self, info: SourceInfo, samples: Sequence[Sample], *, reopened: bool = False) -> None:
         """Take what has room; called by the source's thread."""
@@ -93,12 +95,12 @@ class SampleQueue:
         if kept or reopened:
             self._last = Batch(info, kept, self._dropped_untold, reopened)
             self._batches.append(self._last)
-            self._dropped_untold = 0
-        lost = len(samples) - len(kept)
+            self._dropped_untold = _NOTHING
+        lost = samples[len(kept) :]
         if lost:
             self._last = None  # the next batch has to tell
-            self._dropped += lost
-            self._dropped_untold += lost
+            self._dropped += len(lost)
+            self._dropped_untold = self._dropped_untold + Counter(map(type, lost))
 
     def _that_fit(self, samples: Sequence[Sample]) -> list[Sample]:
         """Return the first of them that find room, and count their bytes."""

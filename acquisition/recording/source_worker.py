@@ -16,6 +16,8 @@ from drivers.source import Source, SourceInfo
 
 # How often the driver is asked for its faults.
 _FAULTS_EVERY_NS = 500_000_000
+# How often a source that may not be recorded yet is emptied; a serial port keeps 4 kB.
+_EMPTIED_EVERY_S = 0.02
 
 WorkerState = Literal["opening", "ready", "running", "lost", "ended", "closed"]
 
@@ -82,6 +84,10 @@ class SourceWorker:
         """Begin to read."""
         self._go.set()
 
+    def is_over(self) -> bool:
+        """Tell whether nothing more will come; what came before is in the queue."""
+        return self.state in ("ended", "closed") or not self._thread.is_alive()
+
     def stop(self) -> None:
         """Ask the thread to close the source and end; does not wait."""
         self._stop.set()
@@ -98,13 +104,17 @@ class SourceWorker:
         while not self._stop.is_set():
             self._survives(self._serve)
             self._tried.set()
-            ended = self.state == "ended"
+            state, error = self.state, self.error
             self._survives(self._source.close)
-            if ended:
-                self.state = "ended"
+            if state == "ended" or self._has_played():
+                self.state, self.error = state, error
                 return
             self._stop.wait(self._settings.reconnect_s)
         self.state = "closed"
+
+    def _has_played(self) -> bool:
+        """Tell whether recorded times failed: opened again, they would begin once more."""
+        return self.losses > 0 and self.info is not None and self.info.time_base == "recorded"
 
     def _survives(self, step: Callable[[], None]) -> None:
         """Run a step of the driver; whatever it raises is kept as the error of this source."""
@@ -131,7 +141,7 @@ class SourceWorker:
         self.error = ""
         self.state = "ready"
         self._tried.set()
-        self._go.wait()
+        self._wait_for_go(info)
         before, earlier = self._source.faults, self.faults
 
         def note_faults() -> None:
@@ -141,6 +151,13 @@ class SourceWorker:
             self._read(info, note_faults)
         finally:
             note_faults()
+
+    def _wait_for_go(self, info: SourceInfo) -> None:
+        """Throw away what a live source gives meanwhile: read later, it would be stamped later."""
+        while not self._go.wait(_EMPTIED_EVERY_S):
+            while info.time_base == "monotonic" and self._source.read(0.0):
+                if self._go.is_set():
+                    return
 
     def _read(self, info: SourceInfo, note_faults: Callable[[], None]) -> None:
         reopened = self.losses > 0
@@ -158,3 +175,4 @@ class SourceWorker:
             if self.answered_ns >= faults_due_ns:
                 note_faults()
                 faults_due_ns = self.answered_ns + _FAULTS_EVERY_NS
+        self.state = "closed"  # what `close` meets is no loss

@@ -1,8 +1,15 @@
-"""Real-time priority for the threads that stamp, where the system permits it."""
+"""The threads that stamp before those that do not: real-time priority, and Python's own turns."""
 
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+# Python's own 5 ms is how long the writing thread may keep a stamping thread waiting each time;
+# docs/decisions/0005-writer-thread-or-process.md has the figures.
+SWITCH_INTERVAL_S = 0.0005
 
 
 def raise_priority(priority: int) -> str:
@@ -21,3 +28,14 @@ def raise_priority(priority: int) -> str:
             "allow it with LimitRTPRIO= in the unit file or rtprio in limits.conf"
         )
     return ""
+
+
+@contextmanager
+def short_switch_interval() -> Iterator[None]:
+    """Let a stamping thread have the interpreter soon, however busy the writing thread is."""
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before_s)

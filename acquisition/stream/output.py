@@ -89,7 +89,12 @@ class StreamOutput:
             raise StreamError(f"cannot write {self.name}: {error.strerror}") from error
 
     def close(self) -> None:
-        """Close a file that was opened here; after a failed write cut off the torn record."""
+        """Close a file that was opened here; after a failed write cut off the torn record.
+
+        Raises:
+            StreamError: the system refused, as it may where a file is sent away on closing
+                (network, FUSE); after a failed write it goes unsaid, as that was reported.
+        """
         if not self._owned or self._raw.closed:
             return
         try:
@@ -98,4 +103,12 @@ class StreamOutput:
                 with suppress(OSError):
                     self._raw.truncate(self._length)
         finally:
+            self._close_raw()
+
+    def _close_raw(self) -> None:
+        try:
             self._raw.close()
+        except OSError as error:
+            if not self.failed:
+                self.failed = True
+                raise StreamError(f"cannot close {self.name}: {error.strerror}") from error

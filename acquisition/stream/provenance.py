@@ -7,6 +7,7 @@ import platform
 import socket
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
 from acquisition.errors import StreamError
@@ -20,9 +21,14 @@ DEVICE_CLOCKS = "device_clocks"
 _LIBRARIES = ("terravibe", "numpy", "mcap", "rosbags")
 
 
-def software_versions() -> dict[str, str]:
-    """Return the version of Python and of each library that shapes the bytes."""
-    return {"python": platform.python_version()} | {name: _version(name) for name in _LIBRARIES}
+@cache
+def software_versions() -> Mapping[str, str]:
+    """Return the version of Python and of each library that shapes the bytes.
+
+    Looked up once: what is installed may change while this program runs, and each look leaves
+    hundreds of objects in cycles, which a recorder in many parts would gather.
+    """
+    return {"python": platform.python_version(), **{name: _version(name) for name in _LIBRARIES}}
 
 
 def _version(distribution: str) -> str:
@@ -40,7 +46,7 @@ def provenance(sources: Sequence[SourceInfo], settings: Mapping[str, object]) ->
     """
     record = {
         "settings": _json("settings", dict(settings)),
-        "versions": _json("versions", software_versions()),
+        "versions": _json("versions", dict(software_versions())),
         "host": socket.gethostname(),
     }
     for info in sources:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
+from acquisition.clocks.clock_sample import ClockSample
 from acquisition.errors import StreamError
 from acquisition.messages.codec import DepthFormat, Recordable
 from acquisition.messages.frames import StaticTransform
@@ -16,7 +17,7 @@ from acquisition.recording.intake import Stamped
 from acquisition.stream.index_store import IndexStore
 from acquisition.stream.open_part import NEVER, OpenPart, PartLimits, expected_index_bytes
 from acquisition.stream.parts import PART_NAME
-from acquisition.stream.writer import CHUNK_SIZE_BYTES, StreamWriter
+from acquisition.stream.writer import CHUNK_SIZE_BYTES, StreamWriter, with_source
 from drivers.source import SourceInfo
 
 STATISTICS_NAME = "terravibe.statistics"
@@ -99,7 +100,8 @@ class SplitWriter:
         self._between_parts = False
         self._index = IndexStore(expected_index_bytes(limits))
         # What is wrong with the head is found here; from now on only an output can fail.
-        self._writer_to(io.BytesIO()).close()
+        with self._writer_to(io.BytesIO()) as trial:
+            trial.write(ClockSample(0, "", 0, 0, 0, "", 0))  # the transforms go before it
         self._part = self._begin()
 
     @property
@@ -223,7 +225,7 @@ class SplitWriter:
         self._between_parts = True
 
     def add_source(self, info: SourceInfo) -> None:
-        """Announce a source that turned up late.
+        """Announce a source; see `StreamWriter.add_source`.
 
         Raises:
             StreamError: another source produces the same type, or the output failed.
@@ -233,10 +235,10 @@ class SplitWriter:
         except StreamError as error:
             if not self._part.writer.failed:
                 raise
-            self._sources.append(info)
+            self._sources = with_source(self._sources, info)
             self._go_on_elsewhere(error)
             return
-        self._sources.append(info)
+        self._sources = with_source(self._sources, info)
 
     def close(self) -> None:
         """End the last part; harmless after a failure.

@@ -138,18 +138,21 @@ class StreamWriter(ClosedOnExit):
         return _Route(rows, [self._channels[row.topic] for row in rows])
 
     def add_source(self, info: SourceInfo) -> None:
-        """Announce a source that turned up late; the provenance is written again, with it.
+        """Announce a source that turned up late, or what answers now under a source's name.
+
+        The provenance is written again, with it.
 
         Raises:
             StreamError: closed, another source produces the same type, or the output refused.
         """
         self._require_open()
-        sources = [*self._sources, info]
+        sources = with_source(self._sources, info)
         _sample_types(sources)
         self._writer.add_metadata(METADATA_NAME, provenance(sources, self._settings))
-        self._define_channels(info.produces)
+        new = [kind for kind in info.produces if kind not in self._routes]
+        self._define_channels(new)
         self._sources = sources
-        self._routes |= {kind: self._route(kind) for kind in info.produces}
+        self._routes |= {kind: self._route(kind) for kind in new}
 
     def add_metadata(self, name: str, record: Mapping[str, str]) -> None:
         """Write a metadata record; a reader keeps the last one of each name.
@@ -240,6 +243,11 @@ class StreamWriter(ClosedOnExit):
                 self._output.flush()
         finally:
             self._output.close()
+
+
+def with_source(sources: Sequence[SourceInfo], info: SourceInfo) -> list[SourceInfo]:
+    """Return the sources with this one in place of the one that has its name, or at the end."""
+    return [source for source in sources if source.name != info.name] + [info]
 
 
 def _sample_types(sources: Sequence[SourceInfo]) -> list[type[Sample]]:

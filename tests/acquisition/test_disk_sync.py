@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 from threading import Event
@@ -34,12 +35,25 @@ def test_current_and_finished_files_are_synchronised(
     assert done.count(second) >= 2
 
 
-def test_a_disk_that_refuses_is_told_and_does_not_end_the_thread(tmp_path: Path) -> None:
-    sync = DiskSync(60.0)
-    sync.follow(tmp_path / "gone")
+def test_what_a_disk_refused_once_stays_told_and_does_not_end_the_thread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The system says once that what was written is lost; after that, all seems well."""
+    calls: list[Path] = []
+    again = Event()
+
+    def refuse_once(path: Path, _flags: int) -> None:
+        calls.append(path)
+        if len(calls) == 1:
+            raise OSError(errno.EIO, "Input/output error")
+        again.set()
+
+    monkeypatch.setattr("acquisition.recording.disk_sync.synchronise", refuse_once)
+    sync = DiskSync(0.001)
+    sync.follow(tmp_path / "a")
+    assert again.wait(10.0)
     sync.close()
-    assert "cannot synchronise" in sync.error
-    assert "gone: No such file" in sync.error
+    assert sync.error == f"cannot synchronise {tmp_path / 'a'}: Input/output error"
 
 
 def test_a_file_that_was_removed_is_no_problem(tmp_path: Path) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import weakref
 from pathlib import Path
+from threading import Event
 
 import pytest
 
@@ -78,6 +80,54 @@ def test_memory_is_bounded_and_a_shorter_ring_is_told(tmp_path: Path) -> None:
     ring.write([])
     ring.close()
     assert snapshot(tmp_path / "r_snap000.mcap")[-1].t_ns == content[-1].t_ns
+
+
+class Parts(list[bytes]):
+    """A list that tells when it is gone."""
+
+
+def test_a_snapshot_that_failed_is_not_kept_in_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does its error, whose traceback would keep it: each would take as much as the ring."""
+    ring = RingOutput(tmp_path / "r.mcap", RingSettings(2 * S, reserve_bytes=S), free=lambda _: S)
+    ring.start(head())
+    parts = [Parts([b"compressed"]), Parts([b"more"])]
+    kept = [weakref.ref(taken) for taken in parts]
+    monkeypatch.setattr(ring._store, "take", parts.pop)
+    for _ in range(2):
+        ring.trigger()
+        ring.write([])
+        ring._snapshots.wait()
+    assert [taken() for taken in kept] == [None, None]
+    (warning,) = ring.state().warnings
+    assert "2 snapshots not written, the last because: snapshot" in warning
+    with pytest.raises(StreamError, match="not written"):
+        ring.close()
+
+
+def test_one_snapshot_is_written_at_a_time_and_none_forgotten(tmp_path: Path) -> None:
+    """On a slow disk; one that was asked for just before the end is written as well."""
+    released = Event()
+
+    def free(_: Path) -> int:
+        released.wait(10.0)
+        return S
+
+    ring = RingOutput(tmp_path / "r.mcap", RingSettings(8 * S, reserve_bytes=0), free=free)
+    ring.start(head())
+    for start in (0, 100, 200):
+        fill(ring, MANY[start : start + 100])
+        ring.trigger()
+        ring.write([])
+    assert not list(tmp_path.iterdir())
+    fill(ring, MANY[300:400])
+    released.set()
+    files = ring.close()
+    assert {file.name[:9] for file in files} == {"r_snap000", "r_snap001"}
+    assert [s.t_ns for s in snapshot(tmp_path / "r_snap000.mcap")] == [s.t_ns for s in MANY[:100]]
+    later = snapshot(tmp_path / "r_snap001.mcap")
+    assert [s.t_ns for s in later] == [s.t_ns for s in MANY[100:400]]
 
 
 def test_a_snapshot_that_does_not_fit_is_told_and_the_ring_goes_on(tmp_path: Path) -> None:

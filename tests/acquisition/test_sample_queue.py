@@ -28,7 +28,7 @@ def test_every_sample_is_taken_or_counted(steps: list[int | None], room: int) ->
         if step is None:
             for batch in queue.take():
                 taken += len(batch.samples)
-                told += batch.dropped_before
+                told += batch.dropped_before.total()
         else:
             queue.put(INFO, [acceleration(given_ + i) for i in range(step)])
             given_ += step
@@ -44,7 +44,7 @@ def test_what_was_dropped_is_told_with_the_next_batch() -> None:
     assert [len(batch.samples) for batch in queue.take()] == [2]
     queue.put(INFO, [acceleration(5)])
     (batch,) = queue.take()
-    assert (batch.dropped_before, batch.samples[0].sequence) == (3, 5)
+    assert (batch.dropped_before, batch.samples[0].sequence) == ({AccelerationSample: 3}, 5)
 
 
 def test_a_reopened_source_is_told_even_when_nothing_fits() -> None:
@@ -70,6 +70,19 @@ def test_recorded_times_make_their_own_rate(time_base: TimeBase, rate_hz: float)
         intake.stamped(batch)
     (statistics,) = intake.end_interval(1.0).values()
     assert statistics.rate_hz == pytest.approx(rate_hz)
+
+
+def test_what_the_queue_dropped_of_one_stream_is_missing_in_no_stream() -> None:
+    """Of two streams, one comes back a batch later than the other."""
+    intake = Intake(HostClock(), {}, ClockTuning())
+    queue = SampleQueue(2 * SMALL_SAMPLE_BYTES)
+    first = [make(i, i) for i in (0, 1) for make in (acceleration, pose)]
+    for samples in (first, [acceleration(2, 2)], [pose(2, 2)]):
+        queue.put(INFO, samples)
+        for batch in queue.take():
+            intake.stamped(batch)
+    assert queue.state().dropped == 2
+    assert [s.missed for s in intake.end_interval(1.0).values()] == [0, 0]
 
 
 def test_each_stream_of_a_reopened_source_counts_its_gap() -> None:

@@ -19,7 +19,7 @@ def fed(
     numbers = []
     for index, time_ms in enumerate(times_ms):
         again = reopened and index == 0
-        number, _ = track.accept(time_ms * MS, first + index, reopened=again, dropped=0)
+        number = track.accept(time_ms * MS, first + index, reopened=again, dropped=0)
         numbers.append(number)
     return numbers
 
@@ -75,14 +75,8 @@ def test_an_unknown_rate_is_learnt_before_gaps_are_called() -> None:
 def test_missing_numbers_are_counted_without_those_that_the_recorder_dropped() -> None:
     track = StreamTrack(None)
     fed(track, [0, 10, 20])
-    assert track.accept(90 * MS, 9, reopened=False, dropped=4) == (9, 4)
+    assert track.accept(90 * MS, 9, reopened=False, dropped=4) == 9
     assert figures(track).missed == 2
-
-
-def test_what_was_dropped_of_another_stream_is_not_taken() -> None:
-    track = StreamTrack(None)
-    fed(track, [0])
-    assert track.accept(10 * MS, 2, reopened=False, dropped=5) == (2, 1)
 
 
 def test_after_reopening_numbers_go_on_and_the_gap_counts_however_short() -> None:
@@ -112,8 +106,7 @@ def test_numbers_in_the_recording_always_rise(steps: list[tuple[int, bool, int]]
     track = StreamTrack(None)
     last = -1
     for index, (sequence, reopened, dropped) in enumerate(steps):
-        number, of_it = track.accept(index * MS, sequence, reopened=reopened, dropped=dropped)
+        number = track.accept(index * MS, sequence, reopened=reopened, dropped=dropped)
         assert number > last
-        assert 0 <= of_it <= dropped
         last = number
     assert figures(track).samples == len(steps)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import resource
@@ -223,6 +224,32 @@ def test_after_a_torn_write_the_file_ends_behind_its_last_whole_record(tmp_path:
     assert len(messages) > 10
     assert (reader.report.truncated_bytes, reader.report.damaged) == (0, ())
     assert not reader.report.complete
+
+
+class Unplugged(io.FileIO):
+    """A file on a stick that was pulled out, under a file system that says so on closing."""
+
+    def close(self) -> None:
+        was_open = not self.closed
+        super().close()
+        if was_open:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+
+@pytest.mark.parametrize("written", [True, False])
+def test_a_file_that_cannot_be_closed_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: bool
+) -> None:
+    path = tmp_path / "r.mcap"
+    monkeypatch.setattr(Path, "open", lambda path, *_, **__: Unplugged(str(path), "wb"))
+    stream = writer(path)
+    if written:
+        with pytest.raises(StreamError, match=r"cannot close .*r\.mcap: Input/output error"):
+            stream.close()
+        return
+    with files_may_grow_to(stream.bytes_written), pytest.raises(StreamError, match="too large"):
+        write_all(stream)
+    stream.close()
 
 
 def test_a_disk_that_fills_up_while_closing_is_told(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from acquisition.recording.plan import RecordingPlan, RecordingResult
 from acquisition.recording.recorder import Recorder
 from acquisition.recording.source_worker import WorkerSettings
 from acquisition.stream.byte_source import FinishedFile
-from acquisition.stream.reader import StreamMessage, StreamReader
+from acquisition.stream.reader import REORDER_WINDOW_NS, StreamMessage, StreamReader
 from drivers.samples import PoseSample, Sample
 from tests.fakes.recordings import MOUNT, START_NS, acceleration, pose
 from tests.fakes.scripted_source import ScriptedSource, Step
@@ -79,9 +79,11 @@ def record(
     return recorder.run(stop or Event())
 
 
-def read(path: Path) -> tuple[list[StreamMessage], dict[str, dict[str, str]]]:
+def read(
+    path: Path, window_ns: int = REORDER_WINDOW_NS
+) -> tuple[list[StreamMessage], dict[str, dict[str, str]]]:
     with FinishedFile(path) as file:
-        reader = StreamReader(file)
+        reader = StreamReader(file, reorder_window_ns=window_ns)
         messages = list(reader)
         assert reader.report.complete
         assert not reader.report.damaged

@@ -54,7 +54,12 @@ class ScriptedSource:
         return self._info
 
     def read(self, timeout_s: float) -> Sequence[Sample]:
-        """Do the next step, with the next entry of `faults` if there is one."""
+        """Do the next step, with the next entry of `faults` if there is one.
+
+        Nothing is there at once: who does not wait (a recorder that has not begun) gets nothing.
+        """
+        if timeout_s == 0.0:
+            return ()
         step = next(self._script, None)
         if self._faults:
             self.faults = self._faults.pop(0)
