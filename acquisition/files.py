@@ -48,8 +48,7 @@ def _as_users_know_it(
     cause = error.__cause__ if isinstance(error, StreamError) else error
     if isinstance(cause, OSError) and cause.errno in _NO_ROOM:
         return StreamError(
-            f"cannot write {path}: {cause.strerror}; nothing of it is kept: make room, or write to "
-            "another disk"
+            f"cannot write {path}: {cause.strerror}; make room, or write to another disk"
         )
     if isinstance(error, StreamError) and str(temporary) in str(error):
         return StreamError(str(error).replace(str(temporary), str(path)))
