@@ -62,7 +62,7 @@ class Terminal:
     def lines(self, lines: Iterable[str]) -> None:
         """Print the result, for people."""
         for line in lines:
-            print(line)
+            print(line.encode(errors="backslashreplace").decode())  # names may be no text
 
     def json(self, value: object) -> None:
         """Print the result, for programs."""
@@ -85,14 +85,15 @@ class Terminal:
 
     @contextmanager
     def board(self) -> Iterator[Board]:
-        """Show a table that changes on a terminal, and lines every ten seconds elsewhere."""
-        if not sys.stderr.isatty():
-            yield self._log_now_and_then()
-            return
+        """Show a table where a terminal can redraw it, and lines every ten seconds elsewhere."""
         from rich.console import Console
         from rich.live import Live
 
-        with Live(console=Console(stderr=True), auto_refresh=False) as live:
+        console = Console(stderr=True)
+        if not sys.stderr.isatty() or console.is_dumb_terminal:
+            yield self._log_now_and_then()
+            return
+        with Live(console=console, auto_refresh=False) as live:
 
             def draw(table: Callable[[], Any], lines: Callable[[], list[str]]) -> None:
                 """Redraw the table in its place."""
@@ -255,9 +256,8 @@ def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
 
     names = "simulation, smooth, rough, indoor or outdoor"
     parser.add_argument("scenario", metavar="SCENARIO", help=names)
-    mcap, nc = product(".mcap"), product(".nc")
-    parser.add_argument("-o", "--output", type=mcap, required=True, metavar="RUN.mcap")
-    parser.add_argument("--truth", type=nc, required=True, metavar="TRUTH.nc")
+    parser.add_argument("-o", "--output", type=product(".mcap"), required=True, metavar="RUN.mcap")
+    parser.add_argument("--truth", type=product(".nc"), required=True, metavar="TRUTH.nc")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything (1)")
     parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="in all (20)")
     parser.add_argument("--poses", choices=("true", "mocap"), help="instead of the scenario's own")

@@ -67,6 +67,21 @@ def refuse_same_file(path: Path, other: Path) -> None:
         raise StreamError(f"{other} and {path} are the same file; give another name")
 
 
+def refuse_existing(path: Path) -> None:
+    """Refuse to replace a file: recordings cannot be made again.
+
+    Raises:
+        StreamError: there is one.
+    """
+    if path.is_file():
+        raise StreamError(f"{path} exists already; give another name, or remove it first")
+
+
+def written_name(path: Path) -> str:
+    """Return the name of a file as text for a recording; bytes that are no UTF-8 as "\\xff"."""
+    return os.fsencode(path.name).decode("utf-8", "backslashreplace")
+
+
 def check_target(path: Path) -> None:
     """Refuse a product that could not be written, before the work for it begins.
 

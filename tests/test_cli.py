@@ -227,6 +227,10 @@ def test_devices_lists_and_checks_profiles(
     assert cli.main(["devices", "check-profile", str(tmp_path / "none.toml")]) == _UNUSABLE
     assert cli.main(["devices", "udev-rules"]) == OK
     assert Path(capsys.readouterr().out.strip()).is_file()
+    assert cli.main(["devices", "--json", "udev-rules"]) == OK
+    assert Path(json.loads(capsys.readouterr().out)["path"]).is_file()
+    assert cli.main(["devices", "--json", "check-profile", str(profile)]) == CHECK_FAILED
+    assert json.loads(capsys.readouterr().out)["problems"]
 
 
 @pytest.mark.parametrize(
@@ -252,6 +256,9 @@ def test_devices_lists_and_checks_profiles(
         (["export", "{recording}", "-o", "{tmp}/x.tif"], "NetCDF"),
         (["evaluate", "{tmp}/none.nc", "--floor-height-m", "0"], "none.nc"),
         (["import", "tum", "{tmp}", "--intrinsics", "1,1,1,1", "-o", "{tmp}/y.mcap"], "depth.txt"),
+        (["recover", "{recording}", "-o", "{recording}"], "exists already; give another name"),
+        (["cut", "{recording}", "-o", "{recording}"], "exists already; give another name"),
+        (["merge", "{recording}", "x", "-o", "{recording}"], "exists already; give another name"),
         (["demo", "--seconds", "0"], "4 to 3600 s"),
         (["demo", "--seed", "-1"], "seed"),
         (["simulate", "moon", "-o", "{tmp}/r.mcap", "--truth", "{tmp}/t.nc"], "simulation, smooth"),
@@ -295,6 +302,8 @@ def test_unusable_input_is_one_line_and_exit_2(
         ["map", "x.mcap", "-o", "x.nc", "--reorder-window-s", "nan"],
         ["import", "tum", "x", "--intrinsics", "1,2", "-o", "y.mcap"],
         ["simulate", "indoor", "-o", "r.mcap", "--truth", "r.mcap"],
+        ["cut", "x.mcap", "-o", "y.mcap", "--topics", "/gyro,"],
+        ["cut", "x.mcap", "-o", "y.mcap", "--start-s", "1e300"],
     ],
 )
 def test_wrong_usage_is_one_line_and_exit_2(
@@ -325,6 +334,17 @@ def test_a_command_that_is_ended_leaves_nothing_half_written(
     assert capsys.readouterr().err == "terravibe: interrupted; no file is left half-written\n"
     assert list(tmp_path.iterdir()) == [path]
     assert signal.getsignal(signal.SIGTERM) is signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+
+
+def test_a_terminal_that_cannot_redraw_gets_lines(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TERM", "dumb")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with cli.Terminal().board() as show:
+        for _ in range(11):  # once a second
+            show(lambda: "a table", lambda: ["a line"])
+    assert capsys.readouterr().err == "terravibe: a line\n" * 2
 
 
 def test_shadowed_room_is_refused(

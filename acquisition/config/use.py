@@ -19,7 +19,7 @@ from acquisition.config.model import (
     Mount,
     RoverConfig,
 )
-from acquisition.config.rover_file import LoadedConfig, parse, read
+from acquisition.config.rover_file import LoadedConfig, parse, problems_in, read
 from acquisition.config.suggestion import suggestion
 from acquisition.errors import ConfigError
 from acquisition.messages import codec
@@ -58,14 +58,19 @@ def _require_devices(loaded: LoadedConfig) -> None:
 
 
 def _source(loaded: LoadedConfig, number: int, entry: DeviceEntry) -> Source:
-    factory: Callable[..., Source] = (
-        Replay if entry.kind == REPLAY_KIND else source_class(entry.kind)
-    )
-    given = entry.settings()
-    problem = next(problems_of(factory, given), None)
-    if problem is not None:
-        raise ConfigError(f"{loaded.where('devices', number)}: kind {entry.kind!r}: {problem}")
-    return factory(**with_paths_from(factory, given, loaded.path.parent))
+    if problems := _setting_problems(loaded, number, entry):
+        raise ConfigError(problems[0])
+    factory = _factory(entry)
+    return factory(**with_paths_from(factory, entry.settings(), loaded.path.parent))
+
+
+def _factory(entry: DeviceEntry) -> Callable[..., Source]:
+    return Replay if entry.kind == REPLAY_KIND else source_class(entry.kind)
+
+
+def _setting_problems(loaded: LoadedConfig, number: int, entry: DeviceEntry) -> list[str]:
+    problems = problems_of(_factory(entry), entry.settings())
+    return [f"{loaded.where('devices', number)}: kind {entry.kind!r}: {text}" for text in problems]
 
 
 def static_transforms_of(config: RoverConfig) -> list[StaticTransform]:
@@ -202,26 +207,43 @@ def check(path: Path) -> list[str]:
         ConfigError: the file cannot be read.
     """
     text = read(path)
-    try:
-        loaded = parse(text, path)
-    except ConfigError as error:
-        return [str(error)]
-    found: list[str] = []
-    steps: list[Callable[[], object]] = [partial(_require_devices, loaded)]
-    steps += [partial(_source, loaded, i, e) for i, e in enumerate(loaded.config.devices)]
-    steps.append(partial(resolved, loaded))
-    for step in steps:
+    if problems := problems_in(text, path):
+        return problems
+    loaded = parse(text, path)
+    found = [*_device_problems(loaded)]
+    for step in (partial(_require_devices, loaded), partial(resolved, loaded)):
         try:
             step()
         except TerravibeError as error:
             found.append(str(error))
-    found += _mounts_of_nothing(loaded)
+    return [*found, *_mounts_of_nothing(loaded), *_missing_folders(loaded)]
+
+
+def _device_problems(loaded: LoadedConfig) -> Iterator[str]:
+    names: set[str] = set()
+    for number, entry in enumerate(loaded.config.devices):
+        problems = _setting_problems(loaded, number, entry)
+        yield from problems
+        if problems:
+            continue
+        where = loaded.where("devices", number)
+        try:
+            name = _source(loaded, number, entry).name
+        except TerravibeError as error:
+            yield f"{where}: {error}"
+            continue
+        if name in names:
+            yield f"{where}: another device is called {name!r} too; give this one a name of its own"
+        names.add(name)
+
+
+def _missing_folders(loaded: LoadedConfig) -> Iterator[str]:
     section = loaded.config.recording
-    for folder in (section.folder, *section.fallback_folders):
+    keys = ["folder", *["fallback_folders"] * len(section.fallback_folders)]
+    for key, folder in zip(keys, (section.folder, *section.fallback_folders), strict=True):
         if not loaded.resolve(folder).is_dir():
-            where = loaded.where("recording")
-            found.append(f"{where}: there is no folder {loaded.resolve(folder)}; create it")
-    return found
+            where = loaded.where("recording", key)
+            yield f"{where}: there is no folder {loaded.resolve(folder)}; create it"
 
 
 def _mounts_of_nothing(loaded: LoadedConfig) -> Iterator[str]:

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapping.ego_motion.filter_kernels import LEFT_OUT, SURPRISED, run
+from mapping.ego_motion.filter_kernels import run
 from mapping.ego_motion.filter_start import begin, filter_constants
 from mapping.ego_motion.filter_types import Int64Array, Rows, States
+from mapping.ego_motion.filter_updates import LEFT_OUT, SURPRISED
 from mapping.ego_motion.history import History, copied, empty_states
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.ego_motion.states import (
