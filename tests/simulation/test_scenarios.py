@@ -120,6 +120,7 @@ def test_the_truth_is_the_ground_that_was_looked_at(
         _ = source.motion
     with pytest.raises(DriverError, match="before open"):
         source.read(0.0)
+    source._run = driven[0]._run  # the same drive
     source.open()
     source.read(0.0)
     truth = source.truth()
