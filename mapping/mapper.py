@@ -89,7 +89,7 @@ class Mapper:
         self._motion: MotionTracker | None = None
         if settings.pose_source != "mocap":
             self._motion = MotionTracker(self._poses, with_covariance=wanted, told=before.told)
-        self._mounts = MountTree()
+        self._mounts = MountTree(self.counts)
         self._repeats = Repeats(jittering=settings.pose_source == "mocap", rest=before.rest)
         self._localiser: Localiser | None = None
         if is_aligned(settings):
@@ -296,5 +296,5 @@ class Mapper:
 
     def _why_nothing(self) -> str:
         if self.counts.frames_without_pose == 0:
-            return "the stream holds no depth frame; nothing can be mapped"
+            return "the stream holds no depth frame; nothing can be mapped; see `terravibe info`"
         return self._poses.why_nothing(self.counts.frames_without_pose)

@@ -18,6 +18,8 @@ class MapperCounts:
         readings_outside: readings of them that fell outside the grid.
         readings_uncalibrated: readings of them at distances that the calibration does not cover;
             mapped with the fallback's noise.
+        camera_changes: frames whose intrinsics are others than those of the frame before.
+        mounts_replaced: mounts that were given a second time with other numbers.
         updates: cell updates. rejected: those that went to a second hypothesis. replaced: second
             hypotheses that took over. cleared: cells forgotten because rays passed through them.
         readings_own_body: readings dropped because they hit the rover itself.
@@ -38,6 +40,8 @@ class MapperCounts:
     readings: int = 0
     readings_outside: int = 0
     readings_uncalibrated: int = 0
+    camera_changes: int = 0
+    mounts_replaced: int = 0
     updates: int = 0
     rejected: int = 0
     replaced: int = 0

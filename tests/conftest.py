@@ -16,7 +16,6 @@ hypothesis.settings.register_profile("terravibe", deadline=None)
 hypothesis.settings.load_profile("terravibe")
 
 
-
 def pytest_collection_finish() -> None:
     """Leave what the imports made out of the search for cycles: it stays for the whole run.
 

@@ -12,6 +12,7 @@ which may be told only at the end of the file; the second copies. What is copied
   form of an index or a definition, of which one bit makes a message; it is counted as unproven.
   Where the recording has chunks and the message turned up while searching behind
   damage, it is left out: it may be what a damaged chunk held.
+- A message whose topic is told by nothing that has a checksum any more counts as unproven too.
 - Metadata has no checksum either: copied when its form is exactly right. Attachments have one.
 """
 
@@ -187,7 +188,7 @@ class _SecondPass:
         self._copy.message(number, message)
         topic = self._definitions.channels[message.channel_id].topic
         self._messages[topic] += 1
-        if not vouched:
+        if not (vouched and self._definitions.proves(message.channel_id)):
             self._unproven[topic] += 1
 
     def _number(self, channel_id: int) -> int | None:

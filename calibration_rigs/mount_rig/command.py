@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from acquisition.commands.arguments import numbers
 from acquisition.commands.console import OK, Console, prepare_depth_code, show
-from calibration_rigs.rover_block import add_block_output, check_block_output, write_block
+from calibration_rigs.rover_block import add_block_output, check_block_target, write_block
 
 if TYPE_CHECKING:
     from acquisition.messages.codec import Recordable
@@ -52,7 +52,9 @@ def add_track_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_mount(options: argparse.Namespace, console: Console) -> int:
     """Write the block for rover.toml."""
-    check_block_output(options)
+    from calibration_rigs.mount_rig.camera import MOUNT_KEYS, TABLE
+
+    check_block_target(options.output, TABLE, MOUNT_KEYS)
     prepare_depth_code(console)
     with console.progress(f"reading {options.recording}"):
         samples = _samples(options.recording)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from acquisition.commands.arguments import milliseconds
 from acquisition.commands.console import OK, Console, prepare_depth_code
-from calibration_rigs.rover_block import add_block_output, check_block_output, write_block
+from calibration_rigs.rover_block import add_block_output, check_block_target, write_block
 
 
 def add_delay_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,9 +32,9 @@ def add_delay_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_delay(options: argparse.Namespace, console: Console) -> int:
     """Write the block for rover.toml."""
-    from calibration_rigs.static_rig.delay_session import calibrate_delays
+    from calibration_rigs.static_rig.delay_session import DELAY_KEYS, TABLE, calibrate_delays
 
-    check_block_output(options)
+    check_block_target(options.output, TABLE, DELAY_KEYS.values())
     prepare_depth_code(console)
     with console.progress(f"reading {options.recording}"):
         found = calibrate_delays(

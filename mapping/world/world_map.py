@@ -104,7 +104,20 @@ def _read(store: TileStore, window_m: Sequence[float] | None) -> ElevationMap:
     layers = empty_layers(extent.cells_y, extent.cells_x)
     for tile, inside, outside in shares(extent):
         copy_cells(store.read(tile), inside, layers, outside)
+    if not layers.frames.any():
+        raise MappingError(_nothing_seen(store, settings.resolution_m))
     return read_out(_Block(extent, layers), settings, _attributes(store.about), store.run.rover)
+
+
+def _nothing_seen(store: TileStore, cell_size_m: float) -> str:
+    """Say that a window is beside all that was seen, and where that is."""
+    whole = _all_of(store)
+    x_m, y_m = whole.first_x * cell_size_m, whole.first_y * cell_size_m
+    return (
+        f"the world {store.path} has seen nothing in the window; its tiles reach from "
+        f"{x_m:g} {y_m:g} to {x_m + whole.cells_x * cell_size_m:g} "
+        f"{y_m + whole.cells_y * cell_size_m:g} m: give a --window there, or none"
+    )
 
 
 def settings_of(store: TileStore) -> MapSettings:

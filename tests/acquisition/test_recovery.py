@@ -189,7 +189,7 @@ def test_messages_outside_chunks_are_saved_around_the_damage(
     # Nothing protects the payload of these messages; everything else about them is checked.
     assert wrong.total() == (damage in (DAMAGES["corrupt payload"], DAMAGES["corrupt first chunk"]))
     assert sum(report.unproven.values()) == len(saved)
-    assert "messages have no checksum" in "\n".join(report.describe())
+    assert "messages have no checksum, or none" in "\n".join(report.describe())
     theirs = Counter(by_stream(tmp_path / "damaged.mcap")) & Counter(said)
     assert (Counter(saved) & Counter(said)).total() >= theirs.total()
 
@@ -319,6 +319,18 @@ def test_what_nothing_defines_is_left_out_and_told(tmp_path: Path) -> None:
     assert saved == []
     assert sum(report.undefined.values()) > 50
     assert "which nothing defines" in "\n".join(report.describe())
+
+
+def test_a_topic_that_no_checksum_vouches_for_any_more_is_told(tmp_path: Path) -> None:
+    intact = foreign()
+    start, end = content(intact)[0]  # the only chunk that says what the numbers mean
+    damaged = replaced(intact, (start + end) // 2, bytes(8))
+    report, saved, _ = run(damaged, tmp_path)
+    assert not report.unproven
+    renamed = replaced(damaged, intact.rindex(b"/t0"), b"/u0")
+    report, saved, _ = run(renamed, tmp_path)
+    assert Counter(told[0] for told in saved) == report.unproven
+    assert "or none for their topic's name" in report.describe()[-1]
 
 
 def test_a_lost_schema_does_not_take_the_messages_along(tmp_path: Path) -> None:
