@@ -32,13 +32,29 @@ from collections.abc import Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
-from heapq import merge
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from benchmarks.inertial_drive import (
+    ACCELERATION_DENSITY,
+    GYRO_DENSITY,
+    SECONDS,
+    SPEED_M_S,
+    VIBRATION,
+    VIBRATION_SPREAD,
+    WHEEL_SCALE,
+    Truth,
+    drive,
+    in_order,
+    inertial_samples,
+    measured_force,
+    measured_rate,
+    stamp_ns,
+    wheel_samples,
+)
 from drivers.samples import AccelerationSample, Sample, WheelTwistSample, YawRateSample
 from mapping.ego_motion.ego_motion import EgoMotion
 from mapping.ego_motion.paper2019 import paper_path
@@ -49,16 +65,6 @@ from simulation.vehicle.vehicle_run import simulate_vehicle
 
 Float64Array = NDArray[np.float64]
 
-_G = 9.80665
-_SECONDS = 20.0
-_LEG_M = 3.1 / 3.0
-_STARTS_S = (3.0, 8.6, 14.2)
-_SPEED_M_S, _RAMP_M_S2 = 0.3, 0.5
-_TURNS_RAD_S = (0.0, 0.2, -0.2)
-_ACCELERATION_DENSITY, _ACCELERATION_BIAS = 0.05, 0.02
-_GYRO_DENSITY, _GYRO_BIAS = 5e-4, 0.01
-_WHEEL_SCALE, _WHEEL_SIGMA = 0.02, 0.005
-_VIBRATION, _VIBRATION_SPREAD = 1.0, 0.2
 _METHODS = ("paper2019", "vibration + ZUPT", "vibration + gyro", "gyro + wheels")
 _EVERY = 4  # of the runs, for the methods that are there for comparison
 
@@ -72,8 +78,8 @@ _SETTINGS = EgoMotionSettings(
     gyro_delay_s=0.0,
     wheels_delay_s=0.0,
     acceleration_delay_s=0.0,
-    gyro_noise_rad_s_per_sqrt_hz=_GYRO_DENSITY,
-    wheel_scale=_WHEEL_SCALE,
+    gyro_noise_rad_s_per_sqrt_hz=GYRO_DENSITY,
+    wheel_scale=WHEEL_SCALE,
     # In these drives neither bias nor wheels wander, and rest is rest.
     gyro_bias_walk_rad_s_per_sqrt_s=0.0,
     zero_rate_rad_s=2e-4,
@@ -83,8 +89,8 @@ _SETTINGS = EgoMotionSettings(
     vertical_walk_ratio=0.0005,
     # Their noise is white: this is what the window leaves of it.
     levelling_sigma_ratio=0.2,
-    vibration_m_s2_per_m_s=math.sqrt(3.0) * _VIBRATION / _SPEED_M_S,
-    vibration_scale=_VIBRATION_SPREAD,
+    vibration_m_s2_per_m_s=math.sqrt(3.0) * VIBRATION / SPEED_M_S,
+    vibration_scale=VIBRATION_SPREAD,
     # The ground is level wherever it has no bumps; ramps of 0.5 m/s^2 take a third of a leg.
     ground_tilt_rad=0.002,
     ground_walk_rad_per_sqrt_s=0.0005,
@@ -106,101 +112,6 @@ class Row:
     nees_high: float
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """A drive every millisecond: speed, angles, position, specific force and rates in the body."""
-
-    speed_m_s: Float64Array
-    yaw_rad: Float64Array
-    position_m: Float64Array
-    force_m_s2: Float64Array
-    body_rate_rad_s: Float64Array
-
-
-def drive(bump_rad: float, random: np.random.Generator) -> Truth:
-    """Return a drive over bumps of that amplitude, at places of their own in every run."""
-    t = np.arange(0.0, _SECONDS, 0.001)
-    speed, turn = np.zeros(t.size), np.zeros(t.size)
-    ramp_s = _SPEED_M_S / _RAMP_M_S2
-    leg_s = _LEG_M / _SPEED_M_S + ramp_s
-    for start_s, turn_rad_s in zip(_STARTS_S, _TURNS_RAD_S, strict=True):
-        since = t - start_s
-        share = np.clip(np.minimum(since, leg_s - since) / ramp_s, 0.0, 1.0)
-        speed += _SPEED_M_S * share
-        turn += turn_rad_s * share
-    way = np.cumsum(speed) * 0.001
-    phases = random.uniform(0.0, 2.0 * math.pi, 2)
-    roll = bump_rad * np.sin(2.0 * math.pi * way / 1.1 + phases[0])
-    pitch = bump_rad * np.sin(2.0 * math.pi * way / 0.8 + phases[1])
-    yaw = np.cumsum(turn) * 0.001
-    body = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
-    velocity = speed[:, np.newaxis] * body.as_matrix()[:, :, 0]
-    acceleration = np.gradient(velocity, 0.001, axis=0)
-    force = body.inv().apply(acceleration + np.array([0.0, 0.0, _G]))
-    roll_rate, pitch_rate = np.gradient(roll, 0.001), np.gradient(pitch, 0.001)
-    rate = np.column_stack(
-        [
-            roll_rate - turn * np.sin(pitch),
-            pitch_rate * np.cos(roll) + turn * np.cos(pitch) * np.sin(roll),
-            turn * np.cos(pitch) * np.cos(roll) - pitch_rate * np.sin(roll),
-        ]
-    )
-    return Truth(speed, yaw, np.cumsum(velocity, axis=0) * 0.001, force, rate)
-
-
-def measured_force(truth: Truth, random: np.random.Generator) -> Float64Array:
-    """Return (N, 3) what the accelerometer says."""
-    shape = truth.force_m_s2.shape
-    noise = _ACCELERATION_DENSITY * math.sqrt(500.0) * random.standard_normal(shape)
-    level = _VIBRATION * (1.0 + _VIBRATION_SPREAD * random.standard_normal())
-    shaking = level * truth.speed_m_s[:, np.newaxis] / _SPEED_M_S * random.standard_normal(shape)
-    bias = _ACCELERATION_BIAS * random.standard_normal(3)
-    return np.asarray(truth.force_m_s2 + noise + shaking + bias, np.float64)
-
-
-def measured_rate(truth: Truth, random: np.random.Generator) -> Float64Array:
-    """Return (M,) what the gyro says every 2.5 ms."""
-    rate = np.interp(np.arange(0.0, _SECONDS, 0.0025), *_curve(truth.body_rate_rad_s[:, 2]))
-    noise = _GYRO_DENSITY * math.sqrt(200.0) * random.standard_normal(rate.size)
-    return np.asarray(rate + noise + _GYRO_BIAS * random.standard_normal(), np.float64)
-
-
-def wheel_samples(truth: Truth, random: np.random.Generator) -> list[WheelTwistSample]:
-    """Return twists every 20 ms."""
-    t = np.arange(0.0, _SECONDS, 0.02)
-    scale = 1.0 + _WHEEL_SCALE * random.standard_normal()
-    speed = np.interp(t, *_curve(truth.speed_m_s))
-    noise = _WHEEL_SIGMA * random.standard_normal(t.size) * (speed > 0.0)
-    turn = np.interp(t, *_curve(truth.body_rate_rad_s[:, 2])) * (speed > 0.0)
-    return [
-        WheelTwistSample(_ns(t[i]), v, w, _WHEEL_SIGMA, 0.05, None, None, i)
-        for i, (v, w) in enumerate(
-            zip((speed * scale + noise).tolist(), turn.tolist(), strict=True)
-        )
-    ]
-
-
-def _curve(values: Float64Array) -> tuple[Float64Array, Float64Array]:
-    return np.asarray(np.arange(values.size) * 0.001, np.float64), values
-
-
-def _ns(seconds: float) -> int:
-    return 10**12 + round(seconds * 1e9)
-
-
-def inertial_samples(force: Float64Array, rate: Float64Array) -> list[Sample]:
-    """Return accelerations and yaw rates in order of time."""
-    force.flags.writeable = False
-    accelerations = [AccelerationSample(_ns(i * 0.001), a, i) for i, a in enumerate(force)]
-    rates = [YawRateSample(_ns(i * 0.0025), w, None, None, i) for i, w in enumerate(rate.tolist())]
-    return in_order(accelerations, rates)
-
-
-def in_order(*lists: Sequence[Sample]) -> list[Sample]:
-    """Return the samples of several sensors by their stamps."""
-    return list(merge(*lists, key=lambda sample: sample.t_ns))
-
-
 def end_error(
     samples: Sequence[Sample], truth: Truth, settings: EgoMotionSettings
 ) -> tuple[Float64Array, Float64Array]:
@@ -209,7 +120,7 @@ def end_error(
     for sample in samples:
         ego.add(sample)
     ego.finish()
-    end_ns = _ns(_SECONDS - 0.1)
+    end_ns = stamp_ns(SECONDS - 0.1)
     pose = ego.pose_at(end_ns)
     if pose is None:
         raise RuntimeError("no pose at the end")
@@ -231,7 +142,7 @@ def paper_error(
     a = a - a[:400].mean(axis=0)
     slow = rate[::2]
     count = min(len(a), len(slow) - 1)
-    noise = np.diag([_ACCELERATION_DENSITY**2 * 100.0] * 3 + [(_GYRO_DENSITY / 0.005) ** 2 * 100.0])
+    noise = np.diag([ACCELERATION_DENSITY**2 * 100.0] * 3 + [(GYRO_DENSITY / 0.005) ** 2 * 100.0])
     state = paper_path(a[:count], slow[: count + 1], 0.005, noise)
     true = np.array([*truth.position_m[-1, :2], truth.yaw_rad[-1]])
     error = np.array([*state.position_m[:2], state.yaw_rad]) - true
@@ -316,7 +227,7 @@ def cost_share(repeats: int = 5) -> float:
         for sample in samples:
             ego.add(sample)
         ego.finish()
-        shares.append((time.thread_time() - begin) / _SECONDS)
+        shares.append((time.thread_time() - begin) / SECONDS)
     return float(np.median(shares))
 
 
