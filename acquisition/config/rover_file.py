@@ -62,7 +62,7 @@ def read(path: Path) -> str:
         hint = "; `terravibe config init` makes one" if isinstance(error, FileNotFoundError) else ""
         raise ConfigError(f"cannot read {path}: {error.strerror}{hint}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"cannot read {path}: {error}") from error
+        raise ConfigError(f"cannot read {path}: it is no text; give a rover.toml") from error
 
 
 def parse(text: str, path: Path) -> LoadedConfig:
@@ -75,7 +75,7 @@ def parse(text: str, path: Path) -> LoadedConfig:
     except ValidationError as error:
         problems = _problems(error, path, text)
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        raise ConfigError(problems[0] + more) from error
+        raise ConfigError(problems[0] + more, problems) from error
 
 
 def _problems(error: ValidationError, path: Path, text: str) -> list[str]:
@@ -96,6 +96,8 @@ def _reason(problem: Mapping[str, Any]) -> str:
         return "is missing"
     if problem["type"] == "value_error":  # raised by the model; it says what was found
         return str(problem["ctx"]["error"])
+    if problem["type"] == "tuple_type" and problem["loc"] == ("devices",):
+        return "found one table; write [[devices]], a block for each device"
     return f"{problem['msg']}, found {problem['input']!r}"
 
 

@@ -34,9 +34,10 @@ from acquisition.recording.source_worker import WorkerSettings
 from acquisition.replay import Replay
 from acquisition.stream.open_part import PartLimits
 from acquisition.stream.provenance import DEVICE_CLOCKS
-from drivers.errors import TerravibeError
+from drivers.errors import DriverError, TerravibeError
 from drivers.samples import Float64Array, Sample, frozen_array
 from drivers.source import Source, source_class
+from drivers.vibration.profile import load_profile
 
 _NS_PER_S = 1_000_000_000
 
@@ -45,8 +46,7 @@ def sources_of(loaded: LoadedConfig) -> list[Source]:
     """Construct every device; touches none.
 
     Raises:
-        ConfigError: there are no devices, or the settings of one do not fit its driver.
-        DriverError: the driver refuses their values.
+        ConfigError: there are no devices, or a driver refuses the settings of one.
     """
     _require_devices(loaded)
     return [_source(loaded, i, entry) for i, entry in enumerate(loaded.config.devices)]
@@ -65,7 +65,22 @@ def _source(loaded: LoadedConfig, number: int, entry: DeviceEntry) -> Source:
     problem = next(problems_of(factory, given), None)
     if problem is not None:
         raise ConfigError(f"{loaded.where('devices', number)}: kind {entry.kind!r}: {problem}")
-    return factory(**with_paths_from(factory, given, loaded.path.parent))
+    try:
+        return factory(**with_paths_from(factory, given, loaded.path.parent))
+    except DriverError as error:
+        raise ConfigError(f"{loaded.where('devices', number)}: {error}") from error
+
+
+def _require_profile(loaded: LoadedConfig, number: int, entry: DeviceEntry) -> None:
+    """Refuse a vibration sensor's profile that opening the sensor would refuse."""
+    profile = entry.settings().get("profile")
+    if entry.kind != "vibration" or not isinstance(profile, str):
+        return
+    beside = loaded.resolve(Path(profile))
+    try:
+        load_profile(beside if beside.exists() else profile)
+    except DriverError as error:
+        raise ConfigError(f"{loaded.where('devices', number)}: {error}") from error
 
 
 def static_transforms_of(config: RoverConfig) -> list[StaticTransform]:
@@ -124,7 +139,8 @@ def _json_of(loaded: LoadedConfig, path: Path) -> object:
         return json.loads(loaded.resolve(path).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         where = loaded.where("calibration")
-        raise ConfigError(f"{where}: cannot use calibration file {path}: {error}") from error
+        reason = error.strerror if isinstance(error, OSError) else f"not JSON: {error}"
+        raise ConfigError(f"{where}: cannot use calibration file {path}: {reason}") from error
 
 
 def plan_of(loaded: LoadedConfig, sources: Sequence[Source]) -> RecordingPlan:
@@ -205,16 +221,18 @@ def check(path: Path) -> list[str]:
     try:
         loaded = parse(text, path)
     except ConfigError as error:
-        return [str(error)]
+        return list(error.problems)
     found: list[str] = []
     steps: list[Callable[[], object]] = [partial(_require_devices, loaded)]
-    steps += [partial(_source, loaded, i, e) for i, e in enumerate(loaded.config.devices)]
+    for number, entry in enumerate(loaded.config.devices):
+        steps += [partial(step, loaded, number, entry) for step in (_source, _require_profile)]
     steps.append(partial(resolved, loaded))
     for step in steps:
         try:
             step()
         except TerravibeError as error:
             found.append(str(error))
+    found += [] if found else _names_given_twice(loaded)
     found += _mounts_of_nothing(loaded)
     section = loaded.config.recording
     for folder in (section.folder, *section.fallback_folders):
@@ -222,6 +240,15 @@ def check(path: Path) -> list[str]:
             where = loaded.where("recording")
             found.append(f"{where}: there is no folder {loaded.resolve(folder)}; create it")
     return found
+
+
+def _names_given_twice(loaded: LoadedConfig) -> Iterator[str]:
+    """Give a line for each device whose name an earlier one has; all can be constructed."""
+    names = [source.name for source in sources_of(loaded)]
+    for number, name in enumerate(names):
+        if name in names[:number]:
+            where = loaded.where("devices", number)
+            yield f"{where}: another device has the name {name!r}; give each its own"
 
 
 def _mounts_of_nothing(loaded: LoadedConfig) -> Iterator[str]:

@@ -81,8 +81,9 @@ def _read(name_or_path: str | Path) -> tuple[str, str]:
     try:
         return str(name_or_path), Path(name_or_path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is no text"
         raise DriverError(
-            f"no vibration profile {str(name_or_path)!r} ({error}); "
+            f"no vibration profile {str(name_or_path)!r} ({reason}); "
             f"expected one of {', '.join(shipped_profiles())} or the path of a TOML file"
         ) from error
 

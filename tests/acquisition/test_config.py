@@ -134,6 +134,7 @@ def test_the_map_section_is_what_mapping_expects() -> None:
             "[[devices]]\nkind = 'png'\n[devices.clock]\nwrap_ticks = 256\n",
             ":3: devices.0.clock: wrap_ticks is given without tick_rate_hz",
         ),
+        ("[devices]\nkind = 'gyro'\n", ":1: devices: found one table; write [[devices]]"),
         ("a = 1\nb =\n", ":2: not TOML"),
         ("x = 1\ny = 2\n[z]\n", ":1: x: unknown key (and 2 more)"),
     ],
@@ -191,7 +192,7 @@ def test_a_setting_that_no_driver_can_use_is_told_with_its_line(block: str, mess
     ],
 )
 def test_a_number_that_makes_no_sense_is_refused_before_any_device_is_touched(block: str) -> None:
-    with pytest.raises(DriverError, match="expected"):
+    with pytest.raises(ConfigError, match=r"rover.toml:1: devices.0: .*expected"):
         config_use.sources_of(loaded(f"[[devices]]\n{block}\n"))
 
 
@@ -293,8 +294,17 @@ def test_check_tells_everything_at_once(tmp_path: Path) -> None:
         config_use.check(path), ("rate_hz?", "baud; expected", "depth_optical_frame?"), strict=True
     ):
         assert words in line
-    path.write_text("[recording]\nfolder = 1\n")
-    assert config_use.check(path)[0].startswith(f"{path}:2: recording.folder")
+    path.write_text("[recording]\nfolder = 1\nflush_ms = 0.5\n")
+    first, second = config_use.check(path)
+    assert first.startswith(f"{path}:2: recording.folder")
+    assert second.startswith(f"{path}:3: recording.flush_ms")
+    sensor = "[[devices]]\nkind = 'vibration'\nport = 'x'\nprofile = 'wtvb01_485'\n"
+    path.write_text("# mine\n" + sensor)
+    (line,) = config_use.check(path)
+    assert line.startswith(f"{path}:2: devices.0: no vibration profile 'wtvb01_485' (No such file")
+    path.write_text(2 * "[[devices]]\nkind = 'gyro'\n")
+    (line,) = config_use.check(path)
+    assert line.startswith(f"{path}:3: devices.1: another device has the name 'gyro'")
     path.write_text(FULL)
     assert config_use.check(path) == []
 
