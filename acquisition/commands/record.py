@@ -34,7 +34,13 @@ _STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe record`."""
     add = parser.add_argument
-    add("--config", type=Path, default=Path("rover.toml"), metavar="FILE", help="(rover.toml)")
+    add(
+        "--config",
+        type=Path,
+        default=Path("rover.toml"),
+        metavar="FILE",
+        help="what to record (rover.toml)",
+    )
     add(
         "-o",
         "--output",
@@ -72,12 +78,15 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
 
     from acquisition.clocks.host_clock import HostClock
     from acquisition.config.use import output_of, plan_of, recording_path, sources_of
+    from acquisition.files import check_target
     from acquisition.health.snapshot import as_json
     from acquisition.health.views import totals_of
     from acquisition.recording.recorder import Recorder
     from acquisition.recording.service import ServiceNotifier
 
     clock = HostClock()
+    if options.output:
+        check_target(options.output)
     path = options.output or recording_path(loaded, clock.log_time_ns(clock.now_ns()))
     output = output_of(loaded, path)
     sources = sources_of(loaded)
@@ -153,7 +162,7 @@ def add_config_arguments(parser: argparse.ArgumentParser) -> None:
     ):
         action = actions.add_parser(name, help=text)
         action.add_argument(
-            "file", type=Path, nargs="?", default=Path("rover.toml"), help="(rover.toml)"
+            "file", type=Path, nargs="?", default=Path("rover.toml"), help="its name (rover.toml)"
         )
     actions.add_parser("unit", help="print the systemd unit file of the recorder")
 
@@ -211,9 +220,9 @@ def add_cut_arguments(parser: argparse.ArgumentParser) -> None:
     add("-o", "--output", type=product(".mcap"), required=True, metavar="FILE.mcap")
     add("--start-s", type=seconds, metavar="S", help="seconds after the first message")
     add("--end-s", type=seconds, metavar="S", help="seconds after the first message")
-    add("--start-ns", type=int, metavar="NS", help="log time instead")
-    add("--end-ns", type=int, metavar="NS", help="log time instead")
-    add("--topics", type=lambda text: text.split(","), metavar="TOPIC,...", help="only these")
+    add("--start-ns", type=int, metavar="NS", help="log time, ns since 1970, instead")
+    add("--end-ns", type=int, metavar="NS", help="log time, ns since 1970, instead")
+    add("--topics", type=lambda text: text.split(","), metavar="TOPIC,...", help="only these (all)")
     add("--json", action="store_true", help="print what was copied as JSON")
 
 

@@ -34,7 +34,7 @@ from acquisition.recording.source_worker import WorkerSettings
 from acquisition.replay import Replay
 from acquisition.stream.open_part import PartLimits
 from acquisition.stream.provenance import DEVICE_CLOCKS
-from drivers.errors import DriverError, TerravibeError
+from drivers.errors import DriverError, TerravibeError, reason_of
 from drivers.samples import Float64Array, Sample, frozen_array
 from drivers.source import Source, source_class
 from drivers.vibration.profile import load_profile
@@ -139,8 +139,8 @@ def _json_of(loaded: LoadedConfig, path: Path) -> object:
         return json.loads(loaded.resolve(path).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         where = loaded.where("calibration")
-        reason = error.strerror if isinstance(error, OSError) else f"not JSON: {error}"
-        raise ConfigError(f"{where}: cannot use calibration file {path}: {reason}") from error
+        reason = f"cannot use calibration file {path}: {reason_of(error)}"
+        raise ConfigError(f"{where}: {reason}") from error
 
 
 def plan_of(loaded: LoadedConfig, sources: Sequence[Source]) -> RecordingPlan:

@@ -19,6 +19,7 @@ from acquisition.closing import ClosedOnExit
 from acquisition.errors import StreamError
 from acquisition.recovery.damaged_file import DamagedFile
 from acquisition.recovery.record_checks import read_record
+from acquisition.stream.framing import MAGIC
 
 # What mcap, zstandard (ZstdError) and lz4 (RuntimeError) raise on a damaged file.
 _DAMAGE = (
@@ -65,6 +66,7 @@ class IntactRecording(ClosedOnExit):
         self._checked = DamagedFile(path)
         self._file = path.open("rb")
         try:
+            self._check_magic()
             with self._damage_told():
                 self._reader = make_reader(self._file, validate_crcs=True)
                 summary = self._reader.get_summary()
@@ -73,6 +75,14 @@ class IntactRecording(ClosedOnExit):
         except BaseException:
             self.close()
             raise
+
+    def _check_magic(self) -> None:
+        if self._file.read(len(MAGIC)) != MAGIC:
+            raise StreamError(
+                f"{self.path} is damaged or has no proper end (it does not begin like an MCAP "
+                "file); recover it first, if it is a recording"
+            )
+        self._file.seek(0)
 
     @contextmanager
     def _damage_told(self) -> Iterator[None]:
