@@ -85,7 +85,7 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
     from acquisition.recording.service import ServiceNotifier
 
     clock = HostClock()
-    if options.output:
+    if options.output and not loaded.config.recording.fallback_folders:
         check_target(options.output)
     path = options.output or recording_path(loaded, clock.log_time_ns(clock.now_ns()))
     output = output_of(loaded, path)
