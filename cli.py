@@ -48,7 +48,7 @@ _COMMANDS = {
     "cut": _Command("copy a part of a recording", "acquisition.commands.record"),
     "merge": _Command("copy several recordings into one", "acquisition.commands.record"),
     "map": _Command("turn a recording into an elevation map", "mapping.commands"),
-    "odometry": _Command("find the rover's way from its own sensors", "mapping.odometry_commands"),
+    "odometry": _Command("find the rover's way from its own sensors", "mapping.odometry_command"),
     "export": _Command("convert a map to GeoTIFF, PLY, PNG; draw it", "mapping.output.commands"),
     "evaluate": _Command("compare a map or a way with the truth", "mapping.judging.commands"),
     "calibrate": _Command("make calibration files on a rig", "calibration_rigs.commands"),
@@ -62,7 +62,7 @@ class Terminal:
     def lines(self, lines: Iterable[str]) -> None:
         """Print the result, for people."""
         for line in lines:
-            print(line)
+            print(line.encode(errors="backslashreplace").decode())  # names may be no text
 
     def json(self, value: object) -> None:
         """Print the result, for programs."""
@@ -85,14 +85,15 @@ class Terminal:
 
     @contextmanager
     def board(self) -> Iterator[Board]:
-        """Show a table that changes on a terminal, and lines every ten seconds elsewhere."""
-        if not sys.stderr.isatty():
-            yield self._log_now_and_then()
-            return
+        """Show a table where a terminal can redraw it, and lines every ten seconds elsewhere."""
         from rich.console import Console
         from rich.live import Live
 
-        with Live(console=Console(stderr=True), auto_refresh=False) as live:
+        console = Console(stderr=True)
+        if not sys.stderr.isatty() or console.is_dumb_terminal:
+            yield self._log_now_and_then()
+            return
+        with Live(console=console, auto_refresh=False) as live:
 
             def draw(table: Callable[[], Any], lines: Callable[[], list[str]]) -> None:
                 """Redraw the table in its place."""
@@ -125,8 +126,7 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
     try:
-        shadowed = _shadowed_room()
-        if shadowed:
+        if shadowed := _shadowed_room():
             return _fail(shadowed)
         return _run(*_parse(list(sys.argv[1:] if arguments is None else arguments)))
     except KeyboardInterrupt:
@@ -172,10 +172,12 @@ def _member(command: str, pattern: str) -> Callable[..., int]:
 
 def _run(name: str, options: argparse.Namespace) -> int:
     """Run a command; a known failure becomes one line and an exit code."""
+    from acquisition.commands.signals import ended_like_interrupted
     from drivers.errors import TerravibeError
 
     try:
-        return _member(name, "run_{}")(options, Terminal())
+        with ended_like_interrupted():
+            return _member(name, "run_{}")(options, Terminal())
     except TerravibeError as error:
         return _fail(str(error))
     except BrokenPipeError:
@@ -260,15 +262,11 @@ def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
 
     names = "simulation, smooth, rough, indoor or outdoor"
     parser.add_argument("scenario", metavar="SCENARIO", help=names)
-    mcap, nc = product(".mcap"), product(".nc")
-    parser.add_argument("-o", "--output", type=mcap, required=True, metavar="RUN.mcap")
-    parser.add_argument("--truth", type=nc, required=True, metavar="TRUTH.nc")
-    parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="of all that is random (1)"
-    )
-    parser.add_argument(
-        "--seconds", type=float, default=20.0, metavar="S", help="length of the run (20)"
-    )
+    parser.add_argument("-o", "--output", type=product(".mcap"), required=True, metavar="RUN.mcap")
+    parser.add_argument("--truth", type=product(".nc"), required=True, metavar="TRUTH.nc")
+    seed = "of all that is random (1)"
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help=seed)
+    parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="length (20)")
     parser.add_argument("--poses", choices=("true", "mocap"), help="instead of the scenario's own")
     parser.add_argument("--json", action="store_true", help="print what was written as JSON")
 

@@ -1,7 +1,5 @@
 """The errors of this room: a stream, the recorder, the configuration."""
 
-from collections.abc import Sequence
-
 from drivers.errors import TerravibeError
 
 
@@ -18,12 +16,4 @@ class RecorderError(TerravibeError):
 
 
 class ConfigError(TerravibeError):
-    """rover.toml is not usable: file, line, what was found and what was expected.
-
-    Attributes:
-        problems: all that is wrong, a line each, where more than the first is known.
-    """
-
-    def __init__(self, message: str, problems: Sequence[str] = ()) -> None:
-        super().__init__(message)
-        self.problems = tuple(problems) or (message,)
+    """rover.toml is not usable: file, line, what was found and what was expected."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 from collections.abc import Iterator
@@ -9,6 +10,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from acquisition.errors import StreamError
+
+# These concern what is written, whatever else was read meanwhile.
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
@@ -21,15 +25,34 @@ def replacing(path: Path) -> Iterator[Path]:
 
     Raises:
         StreamError: the folder is missing or not writable, `path` is there and no ordinary file,
-            or the file system refuses the last step; names the path and the cause.
+            there is no room for it, or the file system refuses the last step; names the path and
+            the cause.
     """
     check_target(path)
     temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.part{path.suffix}")
     try:
         yield temporary
         _take_place(temporary, path)
+    except (StreamError, OSError) as error:
+        if (told := _as_users_know_it(error, temporary, path)) is None:
+            raise
+        raise told from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _as_users_know_it(
+    error: StreamError | OSError, temporary: Path, path: Path
+) -> StreamError | None:
+    """Say it without the hidden name, and with what to do without room; None where it is said."""
+    cause = error.__cause__ if isinstance(error, StreamError) else error
+    if isinstance(cause, OSError) and cause.errno in _NO_ROOM:
+        return StreamError(
+            f"cannot write {path}: {cause.strerror}; make room, or write to another disk"
+        )
+    if isinstance(error, StreamError) and str(temporary) in str(error):
+        return StreamError(str(error).replace(str(temporary), str(path)))
+    return None
 
 
 def refuse_same_file(path: Path, other: Path) -> None:
@@ -42,6 +65,21 @@ def refuse_same_file(path: Path, other: Path) -> None:
         path.exists() and other.exists() and path.samefile(other)
     ):
         raise StreamError(f"{other} and {path} are the same file; give another name")
+
+
+def refuse_existing(path: Path) -> None:
+    """Refuse to replace a file: recordings cannot be made again.
+
+    Raises:
+        StreamError: there is one.
+    """
+    if path.is_file():
+        raise StreamError(f"{path} exists already; give another name, or remove it first")
+
+
+def written_name(path: Path) -> str:
+    """Return the name of a file as text for a recording; bytes that are no UTF-8 as "\\xff"."""
+    return os.fsencode(path.name).decode("utf-8", "backslashreplace")
 
 
 def check_target(path: Path) -> None:

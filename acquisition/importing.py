@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -82,7 +81,7 @@ def record_all(
     tally = _Tally()
     try:
         info = source.open()
-        with _told_by_name(path), replacing(path) as temporary:
+        with replacing(path) as temporary:
             with StreamWriter(
                 temporary, sources=[info], static_transforms=static_transforms, settings=settings
             ) as writer:
@@ -118,18 +117,6 @@ class _Tally:
     def duration_s(self) -> float:
         """Return the seconds from the earliest stamp to the latest; 0 without samples."""
         return (self._ends_ns[1] - self._ends_ns[0]) * 1e-9 if self._ends_ns else 0.0
-
-
-@contextmanager
-def _told_by_name(path: Path) -> Iterator[None]:
-    """Let what the system refused be told of the product, not of its temporary file."""
-    try:
-        yield
-    except StreamError as error:
-        if isinstance(error.__cause__, OSError):
-            reason = error.__cause__.strerror
-            raise StreamError(f"cannot write {path}: {reason}; nothing of it is kept") from error
-        raise
 
 
 def _batches(source: Source) -> Iterator[Sequence[Sample]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -22,7 +22,7 @@ _BEAT_QUANTILE, _BEAT_RATIO = 0.9, 2.0
 _EVENT_QUANTILE, _EVENTS = 0.99, 100
 # So many pauses, alike and filling most of the time, are how the stream is sent: in bursts.
 _BURSTS = 20
-_LONGEST_VALUE = 160
+_COLUMNS = 79  # of a line for people, who look at it over ssh too
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,12 +84,12 @@ class RecordingSummary:
     def describe(self) -> list[str]:
         """Return the summary as lines for people."""
         lines = [f"{self.path}: {self.size_bytes} bytes, {self.duration_s:.3f} s"]
-        lines += [_topic_line(topic) for topic in self.topics]
+        lines += _topic_table(self.topics)
         for name, faults in self.faults.items():
             lines += [f"  {name} lost: {text}" for text in faults.losses()]
             lines += [f"  {name} mended: {text}" for text in faults.repairs()]
         for name, record in self.metadata.items():
-            lines += [f"  {name}: {key} = {_shortened(value)}" for key, value in record.items()]
+            lines += [_metadata_line(f"  {name}: {key} = ", value) for key, value in record.items()]
         lines += [f"damaged: {damage.describe()}" for damage in self.damaged]
         if not self.complete:
             lines.append(f"no proper end; {self.truncated_bytes} bytes are left over")
@@ -166,18 +166,30 @@ def _rate_hz(periods: NDArray[np.uint64], messages: int) -> float:
     return float(1e9 * (messages - 1) / periods.sum())
 
 
-def _shortened(value: str) -> str:
-    """Return a value of the metadata for people: settings and statistics fill pages."""
-    if len(value) <= _LONGEST_VALUE:
-        return value
-    return f"{value[:_LONGEST_VALUE]}... ({len(value)} characters; --json shows them)"
+def _metadata_line(start: str, value: str) -> str:
+    """Return a value of the metadata in one line: settings and statistics fill pages."""
+    value = " ".join(value.split())
+    if len(start) + len(value) <= _COLUMNS:
+        return start + value
+    end = f"... ({len(value)} characters; see --json)"
+    return start + value[: max(0, _COLUMNS - len(start) - len(end))] + end
 
 
-def _topic_line(topic: TopicSummary) -> str:
-    line = f"  {topic.topic} [{topic.ros_type or 'no type'}]: {topic.messages} messages"
-    if topic.rate_hz is not None:
-        line += f", {topic.rate_hz:.2f} Hz, largest gap {topic.largest_gap_s:.3f} s"
-    return f"{line}, {topic.size_bytes} bytes"
+def _topic_table(topics: Sequence[TopicSummary]) -> list[str]:
+    """Return a line for each topic and one above them; the types without their package."""
+    rows = [("topic", "number", "Hz", "gap s", "kB", "type"), *map(_cells, topics)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  " + " ".join([topic.ljust(widths[0]), *map(str.rjust, figures, widths[1:]), "", kind])
+        for topic, *figures, kind in (rows if topics else ())
+    ]
+
+
+def _cells(topic: TopicSummary) -> tuple[str, ...]:
+    rate = "" if topic.rate_hz is None else f"{topic.rate_hz:.2f}"
+    gap = "" if topic.largest_gap_s is None else f"{topic.largest_gap_s:.3f}"
+    kind = topic.ros_type.rpartition("/")[2] or "no type"
+    return topic.topic, str(topic.messages), rate, gap, f"{topic.size_bytes / 1000:.1f}", kind
 
 
 def check(path: Path, *, max_gap_periods: float = MAX_GAP_PERIODS) -> list[Finding]:

@@ -96,6 +96,7 @@ def pooled(judged: Sequence[Judged]) -> dict[str, Accuracy]:
     """Return the numbers of all worlds together, by slope and by range, and of the naive sigma."""
 
     def joined(name: str) -> Float64Array:
+        """Return an array of all worlds, one behind the other."""
         return np.concatenate([getattr(world, name) for world in judged])
 
     error, sigma = joined("error_m"), joined("sigma_m")

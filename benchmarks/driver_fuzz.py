@@ -113,6 +113,7 @@ def _can_parser(vehicle: str, identifiers: Sequence[int]) -> Callable[[bytes], o
     rng = random.Random(vehicle)
 
     def parse(data: bytes) -> object:
+        """Decode the bytes as a frame with one of the identifiers."""
         number = rng.choice(identifiers)
         frame = CanFrameSample(0, number, number > 0x7FF, False, False, data[:8], "fuzz", 0)
         return decoder.add(frame)
@@ -124,6 +125,8 @@ def _fuzz_files(count: int, folder: Path) -> Iterator[Fuzzing]:
     path = folder / "fuzz"
 
     def reading(parse: Callable[[Path], object]) -> Callable[[bytes], object]:
+        """Turn a reader of files into one of bytes."""
+
         def parse_bytes(data: bytes) -> object:
             path.write_bytes(data)
             return parse(path)

@@ -133,6 +133,7 @@ def _gyro(chip: str, _folder: Path, stack: ExitStack) -> Cable:
     path, taken = gyro_bench.PATH, dict(bench.i2c.adapters)
 
     def put_back() -> None:
+        """Plug the chip in, which lost its settings."""
         bench.model.power_cycle()
         bench.i2c.adapters[path] = taken[path]
 
@@ -148,6 +149,7 @@ def _wheels(_kind: str, folder: Path, stack: ExitStack) -> Cable:
     line = frame_line(0x02021542, struct.pack("<i", 65536), extended=True)
 
     def send() -> None:
+        """Let the bus carry a frame, where somebody listens."""
         if adapter.plugged and adapter.is_streaming:
             adapter.feed([line])
             adapter.pump()

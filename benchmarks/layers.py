@@ -137,6 +137,7 @@ def _scipy_layers(
     y, x = np.indices(shape.shape) - shape.shape[0] // 2
 
     def total(layer: Float64Array, weight: NDArray[np.integer] | int = 1) -> Float64Array:
+        """Return the weighted sum of a layer over the footprint around each cell."""
         sums: Float64Array = ndimage.correlate(layer, shape * weight * 1.0, mode="constant")
         return sums
 

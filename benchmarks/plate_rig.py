@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from benchmarks.plate_cells import DEVICES, recorded, seen, shared_noise
-from calibration_rigs.plate_rig.cell import CellResult, analyse
+from calibration_rigs.plate_rig.cell import analyse
+from calibration_rigs.plate_rig.cell_result import CellResult
 from calibration_rigs.plate_rig.frames import CellFrames
 from calibration_rigs.plate_rig.manifest import CellEntry, Rig
 from calibration_rigs.plate_rig.process import process

@@ -83,6 +83,7 @@ def _fakes() -> dict[str, float]:
     stop = threading.Event()
 
     def live(device: PacedSource) -> None:
+        """Read a device until the end, and drop what it gives."""
         device.open()
         while not stop.is_set():
             device.read(0.1)

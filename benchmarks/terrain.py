@@ -128,10 +128,12 @@ def features(
     kind = PRESETS[preset]
 
     def craters(diameter_m: float) -> float:
+        """Return the craters per m^2 above a diameter, by the law."""
         count = crater_count(diameter_m, kind.crater_density)
         return count - crater_count(LARGEST_CRATER_M, kind.crater_density)
 
     def rocks(diameter_m: float) -> float:
+        """Return the rocks per m^2 above a diameter, by the law."""
         if diameter_m >= kind.largest_rock_m:
             return 0.0
         count = rock_count(diameter_m, kind.rock_share)

@@ -120,6 +120,7 @@ def _measure(cell_m: float, frames: int) -> list[Row]:
         reducer.load(image)
 
     def floor() -> None:
+        """Put all cells on the floor, 0.2 m below the origin."""
         reset()
         layers.elevation_m[:] = -0.2
 

@@ -38,10 +38,27 @@ class _Strict(BaseModel):
 
 
 class DeviceIdentity(_Strict):
-    """Which device the model was measured on."""
+    """Which device a calibration was measured on; empty where nobody knows."""
 
     model: str = ""
     serial: str = ""
+
+    def refuse_other(self, found: DeviceIdentity, where: str, remedy: str) -> None:
+        """Refuse a recording of a device that is not this one.
+
+        Args:
+            found: the device of the recording.
+            where: the calibration's file, for the message.
+            remedy: what to do.
+
+        Raises:
+            MappingError: both serial numbers are known, and they differ.
+        """
+        if self.serial and found.serial and self.serial != found.serial:
+            raise MappingError(
+                f"{where} was measured on {self.model} {self.serial}, the recording is of "
+                f"{found.model} {found.serial}; {remedy}"
+            )
 
 
 class NoiseCoefficients(_Strict):
@@ -154,12 +171,8 @@ class Calibration:
         Raises:
             MappingError: both serial numbers are known, and they differ.
         """
-        if self.device.serial and found.serial and self.device.serial != found.serial:
-            raise MappingError(
-                f"{self.where} was measured on {self.device.model} {self.device.serial}, the "
-                f"recording is of {found.model} {found.serial}; calibrate that device, or give "
-                "--noise kinect-v1"
-            )
+        remedy = "calibrate that device, or give --noise kinect-v1"
+        self.device.refuse_other(found, self.where, remedy)
 
 
 def parse_noise(text: str, where: str) -> DepthNoiseModel:
@@ -177,7 +190,7 @@ def parse_calibration(text: str, where: str) -> Calibration:
         found = NoiseFile.model_validate_json(text)
     except ValidationError as error:
         raise MappingError(
-            f"{where}: {_first_fault(error)}; expected a depth noise file, version 1 or 2"
+            f"{where}: {first_fault(error)}; expected a depth noise file, version 1 or 2"
         ) from error
     model = DepthNoiseModel(**found.model.model_dump())
     _require_usable(model, where)
@@ -203,13 +216,14 @@ def noise_to_json(
             measured=measured,
         )
     except ValidationError as error:
-        raise MappingError(f"noise model {model.name!r}: {_first_fault(error)}") from error
+        raise MappingError(f"noise model {model.name!r}: {first_fault(error)}") from error
     _require_usable(model, f"noise model {model.name!r}")
     absent = {"measured"} if measured is None else set()
     return file.model_dump_json(indent=2, by_alias=True, exclude=absent)
 
 
-def _first_fault(error: ValidationError) -> str:
+def first_fault(error: ValidationError) -> str:
+    """Return what pydantic found first in a calibration file, as `place: what`."""
     first = error.errors(include_url=False)[0]
     place = ".".join(str(part) for part in first["loc"]) or "the file"
     return f"{place}: {first['msg']}"

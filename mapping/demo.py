@@ -80,7 +80,7 @@ class DemoResult:
             f"{self.scores.coverage_3sigma:.2%} (aim 98.5 % or more)"
         )
         done = f"{self.seconds:.1f} s; open {self.folder / 'report.html'}"
-        return [*self.run.describe(), *self.scores.lines(), accuracy, honesty, done]
+        return [*self.run.describe(), *self.scores.describe(), accuracy, honesty, done]
 
 
 def run(

@@ -74,6 +74,7 @@ class FrameReaders:
             MappingError: the undistortion is for images of another size.
         """
         if not self._reducers or self._reducers[0].camera != camera:
+            self._counts.camera_changes += bool(self._reducers)
             noises = [self.noise, *self._fallbacks]
             self._reducers = [
                 FrameReducer(camera, noise, self._settings, self.undistortion) for noise in noises

@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from mapping.calibration_file import DeviceIdentity
+from mapping.calibration_file import DeviceIdentity, first_fault
 from mapping.errors import MappingError
 from mapping.files import read_whole
 
@@ -133,8 +133,6 @@ def parse_inertial(text: str | bytes, where: str) -> InertialFile:
     try:
         return InertialFile.model_validate_json(text)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in first["loc"]) or "the file"
         raise MappingError(
-            f"{where}: {place}: {first['msg']}; expected an inertial calibration, version 1"
+            f"{where}: {first_fault(error)}; expected an inertial calibration, version 1"
         ) from error

@@ -22,6 +22,7 @@ from mapping.frame_readers import FrameReaders
 from mapping.geometry import RigidTransform, UncertainPose
 from mapping.mapper_counts import MapperCounts as MapperCounts
 from mapping.measurement import FrameReducer, View
+from mapping.motion.known_frames import KnownFrames
 from mapping.motion.ledger import MotionLedger
 from mapping.motion.pose_errors import PoseErrorModel
 from mapping.motion.read_out import Rover
@@ -59,8 +60,7 @@ class Mapper:
         Args:
             settings: of the map and its poses.
             noise: of the depth camera; holds within its own range.
-            grid: where the cells live, and what is known of the runs that they are from; None =
-                an empty one, as the settings want.
+            grid: where the cells live, and what their runs have left; None = as the settings want.
             pose_errors: where the poses' errors are counted; None = as suits their source.
             fallback: noise of readings that the settings want and `noise` does not cover;
                 None = such readings are not mapped.
@@ -85,10 +85,11 @@ class Mapper:
         self._last = before.pose
         self._fusion = fusion_constants(settings)
         self._poses = pose_source_for(settings, before.pose)
+        self._frames = KnownFrames(before.frames, self.counts, settings.pose_source)
         self._motion: MotionTracker | None = None
         if settings.pose_source != "mocap":
             self._motion = MotionTracker(self._poses, with_covariance=wanted, told=before.told)
-        self._mounts = MountTree()
+        self._mounts = MountTree(self.counts)
         self._repeats = Repeats(jittering=settings.pose_source == "mocap", rest=before.rest)
         self._localiser: Localiser | None = None
         if is_aligned(settings):
@@ -130,7 +131,7 @@ class Mapper:
         self._poses.add(sample)
         if self._localiser is not None:
             self._localiser.add(sample)
-        if isinstance(sample, DepthFrame):
+        if isinstance(sample, DepthFrame) and self._frames.is_new(sample):
             self._waiting.append(sample)
         if self._waiting:
             self._map_ready_frames(sample.t_ns)
@@ -169,12 +170,12 @@ class Mapper:
             self._grid.keep(self._run(), at_once=True)
 
     def elevation_map(self, attributes: dict[str, str | int | float] | None = None) -> ElevationMap:
-        """Return the map as it is now.
+        """Return the map as it is now, though it may have known all frames before.
 
         Raises:
             MappingError: nothing has been mapped; the message says why.
         """
-        if self.counts.frames == 0:
+        if self.counts.frames + self.counts.frames_known == 0:
             raise MappingError(self._why_nothing())
         return self.read_map(attributes or {})
 
@@ -195,7 +196,7 @@ class Mapper:
             errors = replace(errors, gravity_sigma_rad=tilt_rad)
         rover = Rover(*self._rover_m, self._ledger.motions, errors)
         told = self._motion.told if self._motion else None
-        return RunState(rover, self._last, told, slid_rad, self._repeats.rest)
+        return RunState(rover, self._last, told, slid_rad, self._repeats.rest, self._frames.keys)
 
     def _map_ready_frames(self, now_ns: int) -> None:
         """Map waiting frames whose pose is final, or that have waited long enough.
@@ -218,6 +219,7 @@ class Mapper:
 
     def _map(self, frame: DepthFrame, prior: UncertainPose) -> None:
         """One depth frame's walk: readings, pose, motion, footprint, sums per cell, update."""
+        self._frames.add(frame)
         reducers = self._readers.of(frame.camera)
         mount = self._mounts.lookup(self.body_frame, DEPTH_OPTICAL_FRAME)
         on_rover = self._mount_on_rover()
@@ -294,5 +296,5 @@ class Mapper:
 
     def _why_nothing(self) -> str:
         if self.counts.frames_without_pose == 0:
-            return "the stream holds no depth frame; nothing can be mapped"
+            return "the stream holds no depth frame; nothing can be mapped; see `terravibe info`"
         return self._poses.why_nothing(self.counts.frames_without_pose)

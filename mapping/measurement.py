@@ -88,6 +88,11 @@ class FrameReducer:
         self._range = _range_constants(noise)
         self._noise_constants = _noise_constants(noise)
         self._decimation = SENSOR_WIDTH_PX / camera.width_px
+        self._focal = kernels.FocalConstants(
+            np.float32(camera.fx_px),
+            np.float32(camera.fy_px),
+            np.float32(1.0 / (camera.fx_px * self._decimation)),
+        )
         self._baseline_px = max(1, round(_GRADIENT_HALF_ANGLE_RAD * camera.fx_px))
         self._ray_x, self._ray_y = _rays(camera)
         x, y = self._ray_x[[0, -1]], self._ray_y[[0, -1]]
@@ -163,11 +168,7 @@ class FrameReducer:
             self._baseline_px,
             self._ray_x,
             self._ray_y,
-            kernels.FocalConstants(
-                np.float32(self._camera.fx_px),
-                np.float32(self._camera.fy_px),
-                np.float32(1.0 / (self._camera.fx_px * self._decimation)),
-            ),
+            self._focal,
             self._noise_constants,
             _view_constants(view, window, self._settings.resolution_m),
             self._sums,
@@ -179,10 +180,11 @@ class FrameReducer:
     ) -> FrameConstants:
         """Return what the per-cell update needs; `place` = (row, column) of the window."""
         d = self._settings.resolution_m
-        camera = view.T_terrain_sensor.translation_m
-        lever = camera - view.body.transform.translation_m
-        rotation = view.T_terrain_sensor.rotation
-        sigma = view.body.covariance
+        # Single numbers are sooner taken from lists than from arrays.
+        x_m, y_m, z_m = view.T_terrain_sensor.translation_m.tolist()
+        body_x_m, body_y_m, _ = view.body.transform.translation_m.tolist()
+        (r00, r01, r02), (r10, r11, r12), (_, _, r22) = view.T_terrain_sensor.rotation.tolist()
+        sigma = view.body.covariance.tolist()
         return FrameConstants(
             t_ns=view.body.t_ns,
             first_column=place[1],
@@ -190,26 +192,26 @@ class FrameReducer:
             cells_x=window.cells_x,
             cells_y=window.cells_y,
             cell_size_m=d,
-            corner_x_m=window.first_x * d - float(camera[0]),
-            corner_y_m=window.first_y * d - float(camera[1]),
-            camera_x_m=float(camera[0]),
-            camera_y_m=float(camera[1]),
-            camera_z_m=float(camera[2]),
-            lever_x_m=float(lever[0]),
-            lever_y_m=float(lever[1]),
-            r00=float(rotation[0, 0]),
-            r01=float(rotation[0, 1]),
-            r02=float(rotation[0, 2]),
-            r10=float(rotation[1, 0]),
-            r11=float(rotation[1, 1]),
-            r12=float(rotation[1, 2]),
-            r22=float(rotation[2, 2]),
-            pose_zz=float(sigma[2, 2]),
-            pose_za=float(sigma[2, 3]),
-            pose_zb=float(sigma[2, 4]),
-            pose_aa=float(sigma[3, 3]),
-            pose_ab=float(sigma[3, 4]),
-            pose_bb=float(sigma[4, 4]),
+            corner_x_m=window.first_x * d - x_m,
+            corner_y_m=window.first_y * d - y_m,
+            camera_x_m=x_m,
+            camera_y_m=y_m,
+            camera_z_m=z_m,
+            lever_x_m=x_m - body_x_m,
+            lever_y_m=y_m - body_y_m,
+            r00=r00,
+            r01=r01,
+            r02=r02,
+            r10=r10,
+            r11=r11,
+            r12=r12,
+            r22=r22,
+            pose_zz=sigma[2][2],
+            pose_za=sigma[2][3],
+            pose_zb=sigma[2][4],
+            pose_aa=sigma[3][3],
+            pose_ab=sigma[3][4],
+            pose_bb=sigma[4][4],
             mount_rad=self._settings.mount_sigma_rad,
             bias_0_m=self._noise.bias_sigma_m,
             bias_2_per_m=self._noise.bias_sigma_quadratic_per_m,

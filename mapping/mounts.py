@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from acquisition.messages.frames import StaticTransform
 from mapping.errors import MappingError
 from mapping.geometry import RigidTransform
+from mapping.mapper_counts import MapperCounts
 
 
 class MountTree:
     """Fixed transforms between named frames, in whatever order they were published."""
 
-    def __init__(self) -> None:
+    def __init__(self, counts: MapperCounts | None = None) -> None:
+        """Start without any; `counts`: where it is counted that a mount was replaced."""
+        self._counts = counts or MapperCounts()
         self._neighbours: dict[str, dict[str, RigidTransform]] = {}
 
     def add(self, transforms: Iterable[StaticTransform]) -> None:
@@ -27,6 +32,8 @@ class MountTree:
                 to_parent = RigidTransform.from_quat_wxyz(item.position_m, item.quat_wxyz)
             except MappingError as error:
                 raise MappingError(f"mount of {child} in {parent}: {error}") from error
+            known = self._neighbours.get(parent, {}).get(child, to_parent)
+            self._counts.mounts_replaced += not _are_same(known, to_parent)
             self._neighbours.setdefault(parent, {})[child] = to_parent
             self._neighbours.setdefault(child, {})[parent] = to_parent.inverse()
 
@@ -60,3 +67,9 @@ class MountTree:
                     reached[neighbour] = reached[frame] @ transform
                     queue.append(neighbour)
         return reached
+
+
+def _are_same(one: RigidTransform, other: RigidTransform) -> bool:
+    """Tell whether two mounts agree, but for what rounding makes of an inverse."""
+    turned = np.allclose(one.rotation, other.rotation, rtol=0.0, atol=1e-9)
+    return turned and np.allclose(one.translation_m, other.translation_m, rtol=0.0, atol=1e-9)

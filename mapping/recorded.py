@@ -36,6 +36,25 @@ def depth_device(metadata: Mapping[str, Mapping[str, str]]) -> DeviceIdentity:
     return recorded_device(metadata, "DepthFrame")
 
 
+def depth_devices(metadata: Mapping[str, Mapping[str, str]]) -> tuple[DeviceIdentity, ...]:
+    """Return all devices that depth frames come from: several in a merged recording.
+
+    Raises:
+        MappingError: as `recorded_device`.
+    """
+    records = [record for name, record in metadata.items() if _is_provenance(name)]
+    devices: list[DeviceIdentity] = []
+    for device in (depth_device({METADATA_NAME: record}) for record in records):
+        if device not in (*devices, DeviceIdentity()):
+            devices.append(device)
+    return tuple(devices)
+
+
+def _is_provenance(name: str) -> bool:
+    """Tell whether a metadata record says who recorded; merged ones have a file's name behind."""
+    return name == METADATA_NAME or name.startswith(f"{METADATA_NAME} (")
+
+
 def recorded_device(metadata: Mapping[str, Mapping[str, str]], *samples: str) -> DeviceIdentity:
     """Return which device a recording's samples of some types come from, as far as it says so.
 

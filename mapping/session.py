@@ -12,9 +12,7 @@ from acquisition.clocks.clock_sample import ClockSample
 from acquisition.messages.frames import MOCAP_BODY_FRAME
 from acquisition.stream.read_report import ReadReport
 from acquisition.stream.reader import StreamMessage, StreamReader
-from mapping.calibration_file import (
-    Calibration,
-)
+from mapping.calibration_file import Calibration, DeviceIdentity
 from mapping.cells.elevation_map import ElevationMap
 from mapping.ego_motion.calibrated import CalibratedSettings, calibrated
 from mapping.ego_motion.settings import EgoMotionSettings
@@ -24,7 +22,7 @@ from mapping.mapper import Mapper, MapperCounts
 from mapping.noise import DepthNoiseModel
 from mapping.noise_choice import ChosenNoise, choose_noise
 from mapping.paper2019.paper_mapper import PaperMapper
-from mapping.recorded import depth_device, recorded_device, recorded_settings
+from mapping.recorded import depth_device, depth_devices, recorded_device, recorded_settings
 from mapping.settings import MapSettings
 from mapping.stored_settings import flat, overlaid
 from mapping.undistortion import Undistortion
@@ -76,6 +74,7 @@ class MapResult:
         inertial: where the sigmas of the motion sensors come from; None without ego-motion.
         body_frame: the frame whose poses they are.
         noise_warning: why no calibration of the device is used though one was wanted, or "".
+        depth_devices: cameras that the recording names; several in a merged one.
     """
 
     map: ElevationMap
@@ -87,6 +86,7 @@ class MapResult:
     inertial: CalibratedSettings | None = None
     body_frame: str = MOCAP_BODY_FRAME
     noise_warning: str = ""
+    depth_devices: tuple[DeviceIdentity, ...] = ()
 
 
 def map_stream(
@@ -123,6 +123,7 @@ def map_stream(
         inertial=_inertial_for(options, mapper.settings, reader.metadata),
         body_frame=mapper.body_frame,
         noise_warning=noise.warning,
+        depth_devices=depth_devices(reader.metadata),
     )
 
 

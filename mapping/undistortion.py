@@ -63,12 +63,8 @@ class Undistortion:
         Raises:
             MappingError: both serial numbers are known, and they differ.
         """
-        if self.device.serial and found.serial and self.device.serial != found.serial:
-            raise MappingError(
-                f"{self.where} was measured on {self.device.model} {self.device.serial}, the "
-                f"recording is of {found.model} {found.serial}; leave --undistortion out, or give "
-                "that device's"
-            )
+        remedy = "leave --undistortion out, or give that device's"
+        self.device.refuse_other(found, self.where, remedy)
 
     def straighten(self, z_m: Float32Array, range_min_m: float, range_max_m: float) -> int:
         """Correct distances in place; return how many are left.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import signal
 import subprocess
 import sys
 import tomllib
@@ -15,11 +16,14 @@ from PIL import Image
 
 import cli
 from acquisition.commands.console import CHECK_FAILED, OK
+from acquisition.editing.recording_copy import RecordingCopy
 from acquisition.inspection import check, inspect
 from mapping.ground.fill import fill_gaps
 from mapping.judging.truth import read_truth
 from mapping.output.map_file import read_map
 from simulation.run_summary import SimulatedRun
+from tests.fakes.recordings import pose
+from tests.fakes.recordings import recording as sound_recording
 
 _ROOT = Path(__file__).resolve().parents[1]
 _UNUSABLE = 2
@@ -223,6 +227,10 @@ def test_devices_lists_and_checks_profiles(
     assert cli.main(["devices", "check-profile", str(tmp_path / "none.toml")]) == _UNUSABLE
     assert cli.main(["devices", "udev-rules"]) == OK
     assert Path(capsys.readouterr().out.strip()).is_file()
+    assert cli.main(["devices", "--json", "udev-rules"]) == OK
+    assert Path(json.loads(capsys.readouterr().out)["path"]).is_file()
+    assert cli.main(["devices", "--json", "check-profile", str(profile)]) == CHECK_FAILED
+    assert json.loads(capsys.readouterr().out)["problems"]
 
 
 @pytest.mark.parametrize(
@@ -251,6 +259,9 @@ def test_devices_lists_and_checks_profiles(
         (["export", "{recording}", "-o", "{tmp}/x.tif"], "NetCDF"),
         (["evaluate", "{tmp}/none.nc", "--floor-height-m", "0"], "none.nc"),
         (["import", "tum", "{tmp}", "--intrinsics", "1,1,1,1", "-o", "{tmp}/y.mcap"], "depth.txt"),
+        (["recover", "{recording}", "-o", "{recording}"], "exists already; give another name"),
+        (["cut", "{recording}", "-o", "{recording}"], "exists already; give another name"),
+        (["merge", "{recording}", "x", "-o", "{recording}"], "exists already; give another name"),
         (["demo", "--seconds", "0"], "4 to 3600 s"),
         (["demo", "--seed", "-1"], "seed"),
         (["simulate", "moon", "-o", "{tmp}/r.mcap", "--truth", "{tmp}/t.nc"], "simulation, smooth"),
@@ -294,6 +305,8 @@ def test_unusable_input_is_one_line_and_exit_2(
         ["map", "x.mcap", "-o", "x.nc", "--reorder-window-s", "nan"],
         ["import", "tum", "x", "--intrinsics", "1,2", "-o", "y.mcap"],
         ["simulate", "indoor", "-o", "r.mcap", "--truth", "r.mcap"],
+        ["cut", "x.mcap", "-o", "y.mcap", "--topics", "/gyro,"],
+        ["cut", "x.mcap", "-o", "y.mcap", "--start-s", "1e300"],
     ],
 )
 def test_wrong_usage_is_one_line_and_exit_2(
@@ -303,6 +316,38 @@ def test_wrong_usage_is_one_line_and_exit_2(
         cli.main(arguments)
     assert stop.value.code == _UNUSABLE
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_is_ended_leaves_nothing_half_written(
+    number: signal.Signals,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path, output = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    path.write_bytes(sound_recording([pose(0)]))
+
+    def end_the_program(_copy: object, _name: str, _record: object) -> None:
+        assert len(list(tmp_path.iterdir())) == 2  # one of them has a hidden name
+        signal.raise_signal(number)
+
+    monkeypatch.setattr(RecordingCopy, "metadata", end_the_program)
+    assert cli.main(["cut", str(path), "-o", str(output)]) == 130
+    assert capsys.readouterr().err == "terravibe: interrupted; no file is left half-written\n"
+    assert list(tmp_path.iterdir()) == [path]
+    assert signal.getsignal(signal.SIGTERM) is signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+
+
+def test_a_terminal_that_cannot_redraw_gets_lines(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TERM", "dumb")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with cli.Terminal().board() as show:
+        for _ in range(11):  # once a second
+            show(lambda: "a table", lambda: ["a line"])
+    assert capsys.readouterr().err == "terravibe: a line\n" * 2
 
 
 def test_shadowed_room_is_refused(

@@ -94,3 +94,12 @@ def test_with_somewhere_else_to_go_the_recording_is_whole(
     kept = samples_of(told["files"])
     assert len(kept) == len(played)
     assert all(map(same, kept, played))
+
+
+def test_a_ring_that_nothing_triggered_says_that_there_is_no_file(
+    tmp_path: Path, played: list[Sample], capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = rover_file(tmp_path, played[:100], "ring_s = 5.0")
+    assert cli.main(["record", "--config", str(config), "-o", str(tmp_path / "r.mcap")]) == OK
+    assert "no file was written; a ring is written at SIGUSR1" in capsys.readouterr().out
+    assert not list(tmp_path.glob("r*.mcap"))

@@ -33,8 +33,16 @@ def seconds(text: str) -> float:
     except ValueError:
         value = -1.0
     if not 0.0 <= value <= 1e9:  # NaN too
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected seconds, 0 or more")
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected seconds, 0 to 1e9")
     return value
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Parse names that commas separate."""
+    found = tuple(part.strip() for part in text.split(","))
+    if not all(found):
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected names with commas between")
+    return found
 
 
 def milliseconds(text: str) -> float:

@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 def add_devices_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe devices [check-profile FILE | probe PORT | udev-rules]`."""
-    parser.add_argument("--json", action="store_true", help="print what was found as JSON")
+    parser.epilog = "check-profile exits with 1 when it finds problems, probe when nothing answers."
+    parser.add_argument(
+        "--json", action="store_true", help="print what was found as JSON; before the action"
+    )
     actions = parser.add_subparsers(dest="action", metavar="ACTION")
     check = actions.add_parser("check-profile", help="check a vibration sensor's profile file")
     check.add_argument("profile", help="a TOML file, or the name of a shipped profile")
@@ -30,14 +33,11 @@ def add_devices_arguments(parser: argparse.ArgumentParser) -> None:
 def run_devices(options: argparse.Namespace, console: Console) -> int:
     """List devices, or do one of the actions."""
     if options.action == "check-profile":
-        return _check_profile(options.profile, console)
+        return _check_profile(options.profile, console, as_json=options.json)
     if options.action == "probe":
-        return _probe(options.port, console)
+        return _probe(options.port, console, as_json=options.json)
     if options.action == "udev-rules":
-        from drivers.discovery import udev_rules_path
-
-        console.lines([str(udev_rules_path())])
-        return OK
+        return _udev_rules(console, as_json=options.json)
     return _list(console, as_json=options.json)
 
 
@@ -64,20 +64,38 @@ def _describe(finding: Finding) -> list[str]:
     return lines
 
 
-def _check_profile(profile: str, console: Console) -> int:
+def _udev_rules(console: Console, *, as_json: bool) -> int:
+    from drivers.discovery import udev_rules_path
+
+    path = str(udev_rules_path())
+    if as_json:
+        console.json({"path": path})
+    else:
+        console.lines([path])
+    return OK
+
+
+def _check_profile(profile: str, console: Console, *, as_json: bool) -> int:
     from drivers.vibration.profile import check_profile, shipped_profiles
 
     is_shipped = profile in shipped_profiles()
-    problems = check_profile(profile if is_shipped else Path(profile))
-    console.lines([str(problem) for problem in problems] or [f"{profile}: usable"])
+    problems = [str(p) for p in check_profile(profile if is_shipped else Path(profile))]
+    if as_json:
+        console.json({"profile": profile, "problems": problems})
+    else:
+        console.lines(problems or [f"{profile}: usable"])
     return CHECK_FAILED if problems else OK
 
 
-def _probe(port: str, console: Console) -> int:
+def _probe(port: str, console: Console, *, as_json: bool) -> int:
     from drivers.vibration.profile import shipped_profiles
     from drivers.vibration.sensor import probe_port
 
     with console.progress(f"listening on {port}"):
         answers = probe_port(port, shipped_profiles())
-    console.lines(f"{name}: {'answers' if heard else 'nothing'}" for name, heard in answers.items())
+    words = {True: "answers", False: "nothing"}
+    if as_json:
+        console.json({"port": port, "answers": dict(answers)})
+    else:
+        console.lines(f"{name}: {words[heard]}" for name, heard in answers.items())
     return OK if any(answers.values()) else CHECK_FAILED

@@ -13,7 +13,7 @@ from pathlib import Path
 from threading import Event, Timer
 from typing import TYPE_CHECKING
 
-from acquisition.commands.arguments import product, seconds
+from acquisition.commands.arguments import names, product, seconds
 from acquisition.commands.console import (
     CHECK_FAILED,
     OK,
@@ -33,6 +33,11 @@ _STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe record`."""
+    parser.epilog = (
+        "SIGINT (Ctrl-C), SIGTERM and SIGHUP end the recording properly; SIGUSR1 has a ring "
+        "(ring_s) written. Exits with 1 when not everything could be written, a device hangs, or "
+        "--preflight misses one; with 2 when recording cannot start."
+    )
     add = parser.add_argument
     add(
         "--config",
@@ -118,7 +123,8 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
             }
         )
     else:
-        console.lines([result.message, *files, *totals_of(result.health)])
+        written = files or ["no file was written; a ring is written at SIGUSR1"]
+        console.lines([result.message, *written, *totals_of(result.health)])
     if result.unwritten:
         console.note(f"warning: {result.unwritten} samples were read but could not be written")
     if result.hanging:
@@ -157,14 +163,15 @@ def add_config_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     for name, text in (
         ("init", "write a rover.toml with every default, to be edited"),
-        ("check", "say everything that is wrong with it; touches no device"),
+        ("check", "say everything that is wrong with it, then exit with 1; touches no device"),
         ("show", "print every setting, defaults included, as JSON"),
     ):
-        action = actions.add_parser(name, help=text)
+        action = actions.add_parser(name, help=text, description=text)
         action.add_argument(
             "file", type=Path, nargs="?", default=Path("rover.toml"), help="its name (rover.toml)"
         )
-    actions.add_parser("unit", help="print the systemd unit file of the recorder")
+    text = "print the systemd unit file of the recorder"
+    actions.add_parser("unit", help=text, description=text)
 
 
 def run_config(options: argparse.Namespace, console: Console) -> int:
@@ -194,15 +201,24 @@ def run_config(options: argparse.Namespace, console: Console) -> int:
 
 def add_recover_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe recover`."""
-    parser.add_argument("recording", type=Path, help="damaged, or cut short")
-    parser.add_argument("-o", "--output", type=product(".mcap"), required=True, metavar="FILE.mcap")
+    parser.epilog = "Exits with 1 when something was wrong with the recording, and says what."
+    parser.add_argument("recording", type=Path, help="damaged, or cut short; stays as it is")
+    _add_new_recording(parser)
     parser.add_argument("--json", action="store_true", help="print what was lost as JSON")
+
+
+def _add_new_recording(parser: argparse.ArgumentParser) -> None:
+    text = "the new recording; a file that is there is not replaced"
+    kind = product(".mcap")
+    parser.add_argument("-o", "--output", type=kind, required=True, metavar="FILE.mcap", help=text)
 
 
 def run_recover(options: argparse.Namespace, console: Console) -> int:
     """Copy what is intact of a damaged recording; 1 when something was lost."""
+    from acquisition.files import refuse_existing
     from acquisition.recovery.recover import recover
 
+    refuse_existing(options.output)
     with console.progress(f"recovering {options.recording}") as reached:
         report = recover(
             options.recording,
@@ -217,19 +233,21 @@ def add_cut_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe cut`."""
     add = parser.add_argument
     add("recording", type=Path, help="stays as it is")
-    add("-o", "--output", type=product(".mcap"), required=True, metavar="FILE.mcap")
-    add("--start-s", type=seconds, metavar="S", help="seconds after the first message")
-    add("--end-s", type=seconds, metavar="S", help="seconds after the first message")
-    add("--start-ns", type=int, metavar="NS", help="log time, ns since 1970, instead")
-    add("--end-ns", type=int, metavar="NS", help="log time, ns since 1970, instead")
-    add("--topics", type=lambda text: text.split(","), metavar="TOPIC,...", help="only these (all)")
+    _add_new_recording(parser)
+    add("--start-s", type=seconds, metavar="S", help="from S seconds after the first message on")
+    add("--end-s", type=seconds, metavar="S", help="until then, counted likewise, not included")
+    add("--start-ns", type=int, metavar="NS", help="a log time instead")
+    add("--end-ns", type=int, metavar="NS", help="a log time instead")
+    add("--topics", type=names, metavar="TOPIC,...", help="these, and /tf_static")
     add("--json", action="store_true", help="print what was copied as JSON")
 
 
 def run_cut(options: argparse.Namespace, console: Console) -> int:
     """Copy what lies between two times, or some of the topics."""
     from acquisition.editing.cut_and_merge import cut
+    from acquisition.files import refuse_existing
 
+    refuse_existing(options.output)
     with console.progress(f"cutting {options.recording}") as reached:
         report = cut(
             options.recording,
@@ -247,15 +265,17 @@ def run_cut(options: argparse.Namespace, console: Console) -> int:
 
 def add_merge_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe merge`."""
-    parser.add_argument("recordings", type=Path, nargs="+", help="in any order")
-    parser.add_argument("-o", "--output", type=product(".mcap"), required=True, metavar="FILE.mcap")
+    parser.add_argument("recordings", type=Path, nargs="+", help="two or more, in any order")
+    _add_new_recording(parser)
     parser.add_argument("--json", action="store_true", help="print what was copied as JSON")
 
 
 def run_merge(options: argparse.Namespace, console: Console) -> int:
     """Copy several recordings into one, by log time."""
     from acquisition.editing.cut_and_merge import merge
+    from acquisition.files import refuse_existing
 
+    refuse_existing(options.output)
     with console.progress(f"merging {len(options.recordings)} recordings") as reached:
         report = merge(
             options.recordings, options.output, progress=lambda done: reached(f"{done:.0%}")

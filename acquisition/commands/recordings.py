@@ -119,6 +119,7 @@ def _radians(degrees: float | None) -> float | None:
 
 def add_check_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe check`."""
+    parser.epilog = "Exits with 1 when anything was found."
     parser.add_argument("file", type=Path, help="a recording")
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
 

@@ -20,6 +20,9 @@ KINDS = (*SOURCES, REPLAY_KIND)
 
 _Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 _NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+# 30 years: what is longer is a mistake, and more than timers take.
+_Seconds = Annotated[float, Field(ge=0.0, le=1e9)]
+_PositiveSeconds = Annotated[float, Field(gt=0.0, le=1e9)]
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
 _Path = Annotated[Path, Field(strict=False)]
@@ -41,14 +44,14 @@ class RecordingSection(_Strict):
     flush_ms: Annotated[int, Field(ge=5, le=10_000)] = 50
     sync_s: Annotated[float, Field(ge=0.1, le=3600.0)] = 1.0
     split_mb: Annotated[int, Field(ge=0)] = 0
-    split_s: _NotNegative = 300.0
-    ring_s: _NotNegative = 0.0
+    split_s: _Seconds = 300.0
+    ring_s: _Seconds = 0.0
     ring_memory_mb: _Count = 512
     disk_reserve_mb: Annotated[int, Field(ge=0)] = 500
     queue_mb: _Count = 64
     require_all: bool = False
-    preflight_s: _Positive = 10.0
-    reconnect_s: _Positive = 1.0
+    preflight_s: _PositiveSeconds = 10.0
+    reconnect_s: _PositiveSeconds = 1.0
     realtime_priority: Annotated[int, Field(ge=0, le=99)] = 0
 
 
@@ -57,9 +60,9 @@ class DeviceClockSection(_Strict):
 
     tick_rate_hz: _Positive | None = None
     wrap_ticks: Annotated[int, Field(ge=256)] | None = None
-    window_s: _Positive = 60.0
+    window_s: _PositiveSeconds = 60.0
     max_drift_ppm: Annotated[float, Field(ge=0.0, lt=1e6)] = 500.0
-    min_delay_ms: _NotNegative = 0.0
+    min_delay_ms: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
 
     @model_validator(mode="after")
     def _wraps_what_it_counts(self) -> Self:

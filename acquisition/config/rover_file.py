@@ -18,6 +18,14 @@ from acquisition.errors import ConfigError
 from drivers.errors import reason_of
 from drivers.toml_lines import line_of, line_of_syntax_error, lines_of_keys
 
+# Where pydantic speaks of Python instead of TOML.
+_EXPECTED = {
+    "model_type": "expected a table",
+    "path_type": "expected a text in quotes",
+    "string_pattern_mismatch": "expected letters, digits, - and _, a letter or digit first",
+    "tuple_type": "expected a list in [ ]",
+}
+
 
 @dataclass(frozen=True, slots=True)
 class LoadedConfig:
@@ -68,19 +76,24 @@ def read(path: Path) -> str:
 
 def parse(text: str, path: Path) -> LoadedConfig:
     """Return the configuration in `text`, which was found at `path`; raises as `load` does."""
-    try:
-        return LoadedConfig(RoverConfig.model_validate(tomllib.loads(text)), path, text)
-    except tomllib.TOMLDecodeError as error:
-        line = line_of_syntax_error(error, text)
-        raise ConfigError(f"{path}:{line}: not TOML: {error}") from error
-    except ValidationError as error:
-        problems = _problems(error, path, text)
+    if problems := problems_in(text, path):
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        raise ConfigError(problems[0] + more, problems) from error
+        raise ConfigError(problems[0] + more)
+    return LoadedConfig(RoverConfig.model_validate(tomllib.loads(text)), path, text)
+
+
+def problems_in(text: str, path: Path) -> list[str]:
+    """Return what no rover.toml may say, each as "FILE:LINE: KEY: what is wrong", by line."""
+    try:
+        RoverConfig.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        return [f"{path}:{line_of_syntax_error(error, text)}: not TOML: {error}"]
+    except ValidationError as error:
+        return _problems(error, path, text)
+    return []
 
 
 def _problems(error: ValidationError, path: Path, text: str) -> list[str]:
-    """Return each problem as "FILE:LINE: KEY: what is wrong", by line."""
     lines = lines_of_keys(text)
     found = [
         (line_of(problem["loc"], lines), problem["loc"], _reason(problem))
@@ -97,9 +110,10 @@ def _reason(problem: Mapping[str, Any]) -> str:
         return "is missing"
     if problem["type"] == "value_error":  # raised by the model; it says what was found
         return str(problem["ctx"]["error"])
-    if problem["type"] == "tuple_type" and problem["loc"] == ("devices",):
-        return "found one table; write [[devices]], a block for each device"
-    return f"{problem['msg']}, found {problem['input']!r}"
+    if problem["type"] == "tuple_type" and isinstance(problem["input"], dict):
+        return f"expected [[{problem['loc'][-1]}]] with two brackets, one block for each"
+    expected = _EXPECTED.get(problem["type"], problem["msg"])
+    return f"{expected}, found {problem['input']!r}"
 
 
 def _hint(key: tuple[str | int, ...]) -> str:

@@ -19,7 +19,7 @@ from acquisition.config.model import (
     Mount,
     RoverConfig,
 )
-from acquisition.config.rover_file import LoadedConfig, parse, read
+from acquisition.config.rover_file import LoadedConfig, parse, problems_in, read
 from acquisition.config.suggestion import suggestion
 from acquisition.errors import ConfigError
 from acquisition.messages import codec
@@ -34,7 +34,7 @@ from acquisition.recording.source_worker import WorkerSettings
 from acquisition.replay import Replay
 from acquisition.stream.open_part import PartLimits
 from acquisition.stream.provenance import DEVICE_CLOCKS
-from drivers.errors import DriverError, TerravibeError, reason_of
+from drivers.errors import TerravibeError, reason_of
 from drivers.samples import Float64Array, Sample, frozen_array
 from drivers.source import Source, source_class
 from drivers.vibration.profile import load_profile
@@ -46,7 +46,8 @@ def sources_of(loaded: LoadedConfig) -> list[Source]:
     """Construct every device; touches none.
 
     Raises:
-        ConfigError: there are no devices, or a driver refuses the settings of one.
+        ConfigError: there are no devices, or the settings of one do not fit its driver.
+        DriverError: the driver refuses their values.
     """
     _require_devices(loaded)
     return [_source(loaded, i, entry) for i, entry in enumerate(loaded.config.devices)]
@@ -58,29 +59,19 @@ def _require_devices(loaded: LoadedConfig) -> None:
 
 
 def _source(loaded: LoadedConfig, number: int, entry: DeviceEntry) -> Source:
-    factory: Callable[..., Source] = (
-        Replay if entry.kind == REPLAY_KIND else source_class(entry.kind)
-    )
-    given = entry.settings()
-    problem = next(problems_of(factory, given), None)
-    if problem is not None:
-        raise ConfigError(f"{loaded.where('devices', number)}: kind {entry.kind!r}: {problem}")
-    try:
-        return factory(**with_paths_from(factory, given, loaded.path.parent))
-    except DriverError as error:
-        raise ConfigError(f"{loaded.where('devices', number)}: {error}") from error
+    if problems := _setting_problems(loaded, number, entry):
+        raise ConfigError(problems[0])
+    factory = _factory(entry)
+    return factory(**with_paths_from(factory, entry.settings(), loaded.path.parent))
 
 
-def _require_profile(loaded: LoadedConfig, number: int, entry: DeviceEntry) -> None:
-    """Refuse a vibration sensor's profile that opening the sensor would refuse."""
-    profile = entry.settings().get("profile")
-    if entry.kind != "vibration" or not isinstance(profile, str):
-        return
-    beside = loaded.resolve(Path(profile))
-    try:
-        load_profile(beside if beside.exists() else profile)
-    except DriverError as error:
-        raise ConfigError(f"{loaded.where('devices', number)}: {error}") from error
+def _factory(entry: DeviceEntry) -> Callable[..., Source]:
+    return Replay if entry.kind == REPLAY_KIND else source_class(entry.kind)
+
+
+def _setting_problems(loaded: LoadedConfig, number: int, entry: DeviceEntry) -> list[str]:
+    problems = problems_of(_factory(entry), entry.settings())
+    return [f"{loaded.where('devices', number)}: kind {entry.kind!r}: {text}" for text in problems]
 
 
 def static_transforms_of(config: RoverConfig) -> list[StaticTransform]:
@@ -139,8 +130,9 @@ def _json_of(loaded: LoadedConfig, path: Path) -> object:
         return json.loads(loaded.resolve(path).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         where = loaded.where("calibration")
-        reason = f"cannot use calibration file {path}: {reason_of(error)}"
-        raise ConfigError(f"{where}: {reason}") from error
+        raise ConfigError(
+            f"{where}: cannot use calibration file {path}: {reason_of(error)}"
+        ) from error
 
 
 def plan_of(loaded: LoadedConfig, sources: Sequence[Source]) -> RecordingPlan:
@@ -218,37 +210,52 @@ def check(path: Path) -> list[str]:
         ConfigError: the file cannot be read.
     """
     text = read(path)
-    try:
-        loaded = parse(text, path)
-    except ConfigError as error:
-        return list(error.problems)
-    found: list[str] = []
-    steps: list[Callable[[], object]] = [partial(_require_devices, loaded)]
-    for number, entry in enumerate(loaded.config.devices):
-        steps += [partial(step, loaded, number, entry) for step in (_source, _require_profile)]
-    steps.append(partial(resolved, loaded))
-    for step in steps:
+    if problems := problems_in(text, path):
+        return problems
+    loaded = parse(text, path)
+    found = [*_device_problems(loaded)]
+    for step in (partial(_require_devices, loaded), partial(resolved, loaded)):
         try:
             step()
         except TerravibeError as error:
             found.append(str(error))
-    found += [] if found else _names_given_twice(loaded)
-    found += _mounts_of_nothing(loaded)
+    return [*found, *_mounts_of_nothing(loaded), *_missing_folders(loaded)]
+
+
+def _device_problems(loaded: LoadedConfig) -> Iterator[str]:
+    names: set[str] = set()
+    for number, entry in enumerate(loaded.config.devices):
+        problems = _setting_problems(loaded, number, entry)
+        yield from problems
+        if problems:
+            continue
+        where = loaded.where("devices", number)
+        try:
+            name = _source(loaded, number, entry).name
+            _require_profile(loaded, entry)
+        except TerravibeError as error:
+            yield f"{where}: {error}"
+            continue
+        if name in names:
+            yield f"{where}: another device is called {name!r} too; give this one a name of its own"
+        names.add(name)
+
+
+def _require_profile(loaded: LoadedConfig, entry: DeviceEntry) -> None:
+    """Refuse a vibration sensor's profile that opening the sensor would refuse."""
+    profile = entry.settings().get("profile")
+    if entry.kind == "vibration" and isinstance(profile, str):
+        beside = loaded.resolve(Path(profile))
+        load_profile(beside if beside.exists() else profile)
+
+
+def _missing_folders(loaded: LoadedConfig) -> Iterator[str]:
     section = loaded.config.recording
-    for folder in (section.folder, *section.fallback_folders):
+    keys = ["folder", *["fallback_folders"] * len(section.fallback_folders)]
+    for key, folder in zip(keys, (section.folder, *section.fallback_folders), strict=True):
         if not loaded.resolve(folder).is_dir():
-            where = loaded.where("recording")
-            found.append(f"{where}: there is no folder {loaded.resolve(folder)}; create it")
-    return found
-
-
-def _names_given_twice(loaded: LoadedConfig) -> Iterator[str]:
-    """Give a line for each device whose name an earlier one has; all can be constructed."""
-    names = [source.name for source in sources_of(loaded)]
-    for number, name in enumerate(names):
-        if name in names[:number]:
-            where = loaded.where("devices", number)
-            yield f"{where}: another device has the name {name!r}; give each its own"
+            where = loaded.where("recording", key)
+            yield f"{where}: there is no folder {loaded.resolve(folder)}; create it"
 
 
 def _mounts_of_nothing(loaded: LoadedConfig) -> Iterator[str]:

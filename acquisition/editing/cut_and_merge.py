@@ -12,16 +12,17 @@ import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
-from itertools import chain, combinations
+from itertools import chain, combinations, count
 from pathlib import Path
 
 from mcap.records import Channel, Schema
 
 from acquisition.editing.intact_copy import CopyReport, IntactCopy, Progress
 from acquisition.editing.intact_recording import Defined, IntactRecording
+from acquisition.editing.merge_notes import Repeats, part_notes
 from acquisition.editing.recording_copy import RecordingCopy
 from acquisition.errors import StreamError
-from acquisition.files import refuse_same_file, replacing
+from acquisition.files import refuse_same_file, replacing, written_name
 from acquisition.stream.provenance import software_versions
 from acquisition.stream.recording_origin import Origin, clock_notes, origin_of
 
@@ -67,25 +68,25 @@ def cut(
         stop_ns = _bound("end", recording, end_s, end_ns)
         begin_ns, stop_ns = _within(recording, begin_ns, stop_ns)
         wanted = _wanted(recording, topics)
-        said = chain(
-            _earlier_transforms(recording, begin_ns),
-            recording.messages(start_ns=begin_ns, end_ns=stop_ns, topics=wanted),
-        )
+        said = recording.messages(start_ns=begin_ns, end_ns=stop_ns, topics=wanted)
         with replacing(output) as temporary, RecordingCopy(temporary, recording.profile) as copy:
             writing = IntactCopy(copy, [recording], wanted)
             writing.keep(recording)
             copy.metadata(CUT_METADATA_NAME, _cut_record(path, begin_ns, stop_ns, topics))
+            writing.messages(_earlier_transforms(recording, begin_ns), begin_ns, stop_ns, progress)
+            repeated = writing.counts.total()
             writing.messages(said, begin_ns, stop_ns, progress)
-            if not writing.total:
+            silent = [topic for topic in topics or () if not writing.counts[topic]]
+            if len(silent) == len(topics) if topics else writing.counts.total() == repeated:
                 raise StreamError(f"{path} has no message of these topics in that range")
-        return writing.report(output)
+        return writing.report(output, tuple(f"{topic}: none in that range" for topic in silent))
 
 
 def _cut_record(
     path: Path, begin_ns: int, stop_ns: int, topics: Collection[str] | None
 ) -> dict[str, str]:
     return {
-        "source": path.name,
+        "source": written_name(path),
         "start_ns": str(begin_ns),
         "end_ns": str(stop_ns),
         "topics": json.dumps(None if topics is None else sorted(topics)),
@@ -173,19 +174,24 @@ def merge(
         profiles = {recording.profile for recording in recordings}
         profile = profiles.pop() if len(profiles) == 1 else ""
         said = heapq.merge(
-            *(recording.messages() for recording in recordings),
-            key=lambda found: found.message.log_time,
+            *map(_numbered, count(), recordings), key=lambda pair: pair[1].message.log_time
         )
+        repeats = Repeats()
         with replacing(output) as temporary, RecordingCopy(temporary, profile) as copy:
             writing = IntactCopy(copy, recordings)
             for recording in recordings:
                 writing.keep(recording)
-            copy.metadata(MERGE_METADATA_NAME, _merge_record(origins))
             start_ns = min(origin.start_ns for origin in origins)
             end_ns = max(origin.end_ns for origin in origins)
-            writing.messages(said, start_ns, end_ns, progress)
-            _refuse_loss(writing.total, origins)
-        return writing.report(output, clock_notes(origins))
+            writing.messages(repeats.counted(said), start_ns, end_ns, progress)
+            _refuse_loss(writing.counts.total(), origins)
+            notes = (*clock_notes(origins), *part_notes(recordings), *repeats.notes())
+            copy.metadata(MERGE_METADATA_NAME, _merge_record(origins, notes))
+        return writing.report(output, notes)
+
+
+def _numbered(number: int, recording: IntactRecording) -> Iterator[tuple[int, Defined]]:
+    return ((number, found) for found in recording.messages())
 
 
 def _refuse_conflicts(channels: Iterable[tuple[Channel, Schema | None]]) -> None:
@@ -209,10 +215,10 @@ def _refuse_loss(found: int, origins: Sequence[Origin]) -> None:
         )
 
 
-def _merge_record(origins: Sequence[Origin]) -> dict[str, str]:
+def _merge_record(origins: Sequence[Origin], notes: Sequence[str]) -> dict[str, str]:
     return {
         "inputs": json.dumps([asdict(origin) for origin in origins]),
         "order": "log time",
-        "notes": json.dumps(clock_notes(origins)),
+        "notes": json.dumps(notes),
         "versions": json.dumps(software_versions(), sort_keys=True),
     }

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import chain
+from itertools import chain, count
 from pathlib import Path
 
 from acquisition.editing.intact_recording import Defined, IntactRecording
 from acquisition.editing.recording_copy import RecordingCopy
+from acquisition.files import written_name
 
 Progress = Callable[[float], object]
 _NS_PER_S = 1_000_000_000
@@ -49,7 +50,7 @@ class IntactCopy:
     """Copies into a `RecordingCopy`, and counts.
 
     Attributes:
-        total: messages so far.
+        counts: messages so far, by topic.
     """
 
     def __init__(
@@ -68,9 +69,8 @@ class IntactCopy:
         Raises:
             StreamError: the output refused it.
         """
-        self.total = 0
+        self.counts: Counter[str] = Counter()
         self._copy = copy
-        self._counts: Counter[str] = Counter()
         self._names: dict[str, dict[str, str]] = {}
         self._start_ns: int | None = None
         self._end_ns = 0
@@ -90,11 +90,12 @@ class IntactCopy:
         Raises:
             StreamError: the recording is damaged, or the output refused it.
         """
+        file = written_name(recording.path)
         for record in recording.metadata():
+            others = chain([f" ({file})"], (f" ({file}, {number})" for number in count(2)))
             name = record.name
-            if self._names.get(name, record.metadata) != record.metadata:
-                name = f"{name} ({recording.path.name})"
-            self._names.setdefault(name, record.metadata)
+            while self._names.setdefault(name, record.metadata) != record.metadata:
+                name = record.name + next(others)
             self._copy.metadata(name, record.metadata)
         for attachment in recording.attachments():
             self._copy.attachment(attachment)
@@ -116,15 +117,14 @@ class IntactCopy:
         span_ns = max(1, end_ns - start_ns)
         for found in said:
             self._copy.message(self._numbers[id(found.channel)], found.message)
-            self._counts[found.channel.topic] += 1
+            self.counts[found.channel.topic] += 1
             log_time_ns = found.message.log_time
             if self._start_ns is None:
                 self._start_ns = log_time_ns
             self._end_ns = log_time_ns
-            self.total += 1
             progress((log_time_ns - start_ns) / span_ns)
 
     def report(self, output: Path, notes: tuple[str, ...] = ()) -> CopyReport:
         """Return what was copied."""
-        counts = dict(sorted(self._counts.items()))
+        counts = dict(sorted(self.counts.items()))
         return CopyReport(str(output), counts, self._start_ns or 0, self._end_ns, notes)

@@ -19,6 +19,7 @@ from acquisition.closing import ClosedOnExit
 from acquisition.errors import StreamError
 from acquisition.recovery.damaged_file import DamagedFile
 from acquisition.recovery.record_checks import read_record
+from acquisition.recovery.summary_section import summary_is_contradicted
 from acquisition.stream.framing import MAGIC
 
 # What mcap, zstandard (ZstdError) and lz4 (RuntimeError) raise on a damaged file.
@@ -31,6 +32,7 @@ _DAMAGE = (
     OverflowError,
     EOFError,
     RuntimeError,
+    MemoryError,  # a damaged length
     OSError,
 )
 
@@ -66,8 +68,8 @@ class IntactRecording(ClosedOnExit):
         self._checked = DamagedFile(path)
         self._file = path.open("rb")
         try:
-            self._check_magic()
             with self._damage_told():
+                self._check_ends()
                 self._reader = make_reader(self._file, validate_crcs=True)
                 summary = self._reader.get_summary()
                 self.profile = self._reader.get_header().profile
@@ -76,13 +78,20 @@ class IntactRecording(ClosedOnExit):
             self.close()
             raise
 
-    def _check_magic(self) -> None:
-        if self._file.read(len(MAGIC)) != MAGIC:
-            raise StreamError(
-                f"{self.path} is damaged or has no proper end (it does not begin like an MCAP "
-                "file); recover it first, if it is a recording"
-            )
-        self._file.seek(0)
+    def _check_ends(self) -> None:
+        """Look at what mcap's reader takes on trust, and what its errors do not name.
+
+        Raises:
+            StreamError: there is too little to call it damaged.
+            ValueError: it has no end, or the summary, which names every topic and type, is not
+                what its checksum says.
+        """
+        size_bytes = self._checked.size_bytes
+        if size_bytes < len(MAGIC):
+            found = f"only {size_bytes} bytes" if size_bytes else "nothing"
+            raise StreamError(f"{self.path} holds {found}; expected an MCAP recording")
+        if summary_is_contradicted(self._checked):
+            raise ValueError("checksum of the summary differs")
 
     @contextmanager
     def _damage_told(self) -> Iterator[None]:

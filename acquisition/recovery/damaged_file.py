@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Callable
 from pathlib import Path
 
@@ -32,13 +33,17 @@ class DamagedFile(ClosedOnExit):
             pread: descriptor, number of bytes, offset -> bytes; like `os.pread`.
 
         Raises:
-            StreamError: missing, a folder, or not readable.
+            StreamError: missing, a folder, a pipe or a device, or not readable.
         """
         self._pread = pread
         self._window = b""
         self._window_start = 0
         self._bad_pages: set[int] = set()
         try:
+            mode = path.stat().st_mode
+            if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+                # It has no length and no second reading; opening a pipe may wait for ever.
+                raise StreamError(f"cannot read {path}: it is no ordinary file; copy it to one")
             self._file = path.open("rb", buffering=0)
         except OSError as error:
             raise StreamError(f"cannot read {path}: {error.strerror}") from error

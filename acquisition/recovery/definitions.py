@@ -45,6 +45,12 @@ class Definitions:
         self._proven.update((Schema, number) for number in self.schemas)
         self._proven.update((Channel, number) for number in self.channels)
 
+    def proves(self, channel_id: int) -> bool:
+        """Tell whether a checksum vouches for what a channel is called and what it carries."""
+        schema_id = self.channels[channel_id].schema_id
+        schema_is_proven = schema_id == 0 or (Schema, schema_id) in self._proven
+        return schema_is_proven and (Channel, channel_id) in self._proven
+
     def override(self, record: Schema | Channel) -> None:
         """Let a definition hold from here on, as readers do that go through a file in order."""
         if isinstance(record, Schema):

@@ -22,7 +22,6 @@ from acquisition.stream.framing import (
     FIRST_PRIVATE_OPCODE,
     HEAD,
     KNOWN_OPCODES,
-    MAGIC,
     MAX_RECORD_BYTES,
 )
 
@@ -272,19 +271,3 @@ def chunk_times_ns(file: DamagedFile, offset: int) -> tuple[int, int] | None:
     except ValueError:
         return None
     return (start_ns, end_ns) if start_ns <= end_ns else None
-
-
-def record_follows(file: DamagedFile, offset: int) -> bool:
-    """Tell whether the file ends at an offset, or goes on with what may be a record or the end."""
-    rest = file.size_bytes - offset
-    if rest < 0:
-        return False
-    if rest < HEAD.size:
-        # The closing magic, or a record of which only these few bytes are left.
-        left = file.read(offset, rest)
-        return not left or left == MAGIC[: len(left)] or left[0] in KNOWN_OPCODES
-    try:
-        read_head(file, offset)
-    except ValueError:
-        return False
-    return True

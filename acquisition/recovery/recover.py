@@ -12,6 +12,7 @@ which may be told only at the end of the file; the second copies. What is copied
   form of an index or a definition, of which one bit makes a message; it is counted as unproven.
   Where the recording has chunks and the message turned up while searching behind
   damage, it is left out: it may be what a damaged chunk held.
+- A message whose topic is told by nothing that has a checksum any more counts as unproven too.
 - Metadata has no checksum either: copied when its form is exactly right. Attachments have one.
 """
 
@@ -28,7 +29,7 @@ from mcap.records import Message
 
 from acquisition.editing.recording_copy import RecordingCopy
 from acquisition.errors import StreamError
-from acquisition.files import refuse_same_file, replacing
+from acquisition.files import refuse_same_file, replacing, written_name
 from acquisition.messages import codec
 from acquisition.recovery.damaged_file import DamagedFile
 from acquisition.recovery.record_checks import SoundRecord, may_be_another_kind
@@ -77,7 +78,7 @@ def recover(
 def _provenance(path: Path, size_bytes: int, found: Salvage) -> dict[str, str]:
     damaged = [asdict(damage) for damage in found.damaged[:_LISTED_DAMAGES]]
     return {
-        "source": path.name,
+        "source": written_name(path),
         "size_bytes": str(size_bytes),
         "damaged": json.dumps(damaged),
         "versions": json.dumps(software_versions(), sort_keys=True),
@@ -156,7 +157,7 @@ class _SecondPass:
         if not self._found.vouched:
             if self._found.chunked and not span.anchored:
                 reason = "message found behind damage; it may be what a damaged chunk held"
-            elif may_be_another_kind(record.body):
+            elif may_be_another_kind(record.body, chunked=self._found.chunked):
                 reason = "message that has the form of another record"
             elif not self._decodes(record.content):
                 reason = "message that does not decode"
@@ -187,7 +188,7 @@ class _SecondPass:
         self._copy.message(number, message)
         topic = self._definitions.channels[message.channel_id].topic
         self._messages[topic] += 1
-        if not vouched:
+        if not (vouched and self._definitions.proves(message.channel_id)):
             self._unproven[topic] += 1
 
     def _number(self, channel_id: int) -> int | None:

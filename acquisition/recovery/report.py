@@ -19,8 +19,8 @@ class RecoveryReport:
         messages: messages saved for each topic, those without a checksum included.
         expected: messages for each topic by the recording's own summary; None where that is
             lost too.
-        unproven: messages saved for each topic that no checksum vouches for: they have the right
-            form and lie between other records, and may still hold a wrong bit.
+        unproven: messages saved for each topic of which no checksum vouches for the content, or
+            for the topic's name and type: they have the right form, and may hold a wrong bit.
         undefined: messages left out for each channel number that nothing defines any more.
         without_schema: topics whose schema is lost; their messages are saved without.
         attachments: attachments saved.
@@ -78,7 +78,8 @@ class RecoveryReport:
         ]
         lines += [f"{topic}: its schema is lost" for topic in self.without_schema]
         if self.unproven:
-            lines.append(f"{sum(self.unproven.values())} messages have no checksum")
+            number = sum(self.unproven.values())
+            lines.append(f"{number} messages have no checksum, or none for their topic's name")
         if self.doubted:
             lines.append("the checksum of the data differs: what has no checksum may be wrong")
         if self.restored:

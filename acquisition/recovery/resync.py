@@ -9,13 +9,13 @@ from collections.abc import Iterator, Sequence
 from mcap.opcode import Opcode
 
 from acquisition.recovery.damaged_file import PAGE_BYTES, DamagedFile
+from acquisition.recovery.followers import record_follows
 from acquisition.recovery.record_checks import (
     Head,
     lengths_agree,
     read_head,
     read_record,
     read_sound,
-    record_follows,
 )
 from acquisition.stream.framing import HEAD, KNOWN_OPCODES
 

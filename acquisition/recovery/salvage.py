@@ -10,16 +10,16 @@ from mcap.opcode import Opcode
 
 from acquisition.recovery.damaged_file import DamagedFile
 from acquisition.recovery.definitions import Definitions
+from acquisition.recovery.followers import known_record_follows, record_follows
 from acquisition.recovery.record_checks import (
     SoundRecord,
     chunk_times_ns,
     read_record,
-    record_follows,
 )
 from acquisition.recovery.resync import next_record
 from acquisition.recovery.summary_section import ListedChunk, read_summary
 from acquisition.stream.checksum import crc32
-from acquisition.stream.framing import MAGIC
+from acquisition.stream.framing import FIRST_PRIVATE_OPCODE, MAGIC
 from acquisition.stream.read_report import Damage
 
 
@@ -106,6 +106,9 @@ def sound_records(file: DamagedFile, start: int, end: int) -> Iterator[SoundReco
         if record.head.opcode == Opcode.MESSAGE and not record_follows(file, start):
             # Nothing but the next record speaks for the length of a message.
             raise ValueError("no record follows this message; its length cannot be believed")
+        if record.head.opcode >= FIRST_PRIVATE_OPCODE and not known_record_follows(file, start):
+            # It would swallow whatever lies within its length.
+            raise ValueError("no known record, and none follows; its length cannot be believed")
         yield record
 
 

@@ -7,11 +7,12 @@ from array import array
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Schema, Statistics
 
-from acquisition.recovery.damaged_file import DamagedFile
+from acquisition.recovery.damaged_file import WINDOW_BYTES, DamagedFile
 from acquisition.recovery.record_checks import SoundRecord, read_record
 from acquisition.stream.checksum import crc32
 from acquisition.stream.framing import HEAD, MAGIC
@@ -72,19 +73,51 @@ class SummarySection:
 def read_summary(file: DamagedFile) -> SummarySection:
     """Return the summary as far as it is readable; empty when there is none."""
     summary = SummarySection()
-    footer_offset = file.size_bytes - len(MAGIC) - _FOOTER.size - HEAD.size
     with suppress(ValueError):  # what was read until then may still help
-        footer = file.read(footer_offset, HEAD.size + _FOOTER.size)
-        start, _, expected = _FOOTER.unpack(footer[HEAD.size :])
-        if footer[: HEAD.size] != HEAD.pack(Opcode.FOOTER, _FOOTER.size) or start == 0:
+        ending = _ending(file)
+        if ending.start == 0:
             return summary
-        crc = 0
-        for record in _records(file, start, footer_offset):
+        for record in _records(file, ending.start, ending.footer_offset):
             summary.take(record)
-            crc = crc32(record.body, crc32(record.head.packed, crc))
         # 0 says that the writer computed no checksum.
-        summary.intact = bool(expected) and expected == crc32(footer[:-_CRC_BYTES], crc)
+        summary.intact = bool(ending.crc) and ending.crc == _crc(file, ending)
     return summary
+
+
+def summary_is_contradicted(file: DamagedFile) -> bool:
+    """Tell whether there is a checksum of the summary, and it is wrong.
+
+    Raises:
+        ValueError: the file has no end that would say so.
+    """
+    ending = _ending(file)
+    return bool(ending.start and ending.crc) and ending.crc != _crc(file, ending)
+
+
+class _Ending(NamedTuple):
+    footer_offset: int
+    start: int  # of the summary; 0 where there is none
+    crc: int
+
+
+def _ending(file: DamagedFile) -> _Ending:
+    offset = file.size_bytes - len(MAGIC) - _FOOTER.size - HEAD.size
+    if offset < 0:
+        raise ValueError("too short to have an end")
+    footer = file.read(offset, HEAD.size + _FOOTER.size)
+    if footer[: HEAD.size] != HEAD.pack(Opcode.FOOTER, _FOOTER.size):
+        raise ValueError("no footer at its end")
+    start, _, crc = _FOOTER.unpack(footer[HEAD.size :])
+    return _Ending(offset, start, crc)
+
+
+def _crc(file: DamagedFile, ending: _Ending) -> int:
+    """Return the checksum of everything from the summary's start to that of the footer's crc."""
+    end = ending.footer_offset + HEAD.size + _FOOTER.size - _CRC_BYTES
+    crc = 0
+    for offset in range(ending.start, end, WINDOW_BYTES):
+        crc = crc32(file.read(offset, min(WINDOW_BYTES, end - offset)), crc)
+    return crc
 
 
 def _records(file: DamagedFile, offset: int, end: int) -> Iterator[SoundRecord]:

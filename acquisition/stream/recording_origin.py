@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from acquisition.clocks.clock_sample import ClockSample
 from acquisition.editing.intact_recording import IntactRecording
 from acquisition.errors import StreamError
+from acquisition.files import written_name
 from acquisition.messages import codec
 from acquisition.stream.provenance import METADATA_NAME
 
@@ -44,7 +45,7 @@ def origin_of(recording: IntactRecording) -> Origin:
     records = {record.name: record.metadata for record in recording.metadata()}
     statistics = recording.statistics
     return Origin(
-        file=recording.path.name,
+        file=written_name(recording.path),
         host=records.get(METADATA_NAME, {}).get("host", ""),
         boot_id=_boot_id(recording),
         start_ns=statistics.message_start_time,

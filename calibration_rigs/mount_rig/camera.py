@@ -23,6 +23,10 @@ from mapping.noise import DepthNoiseModel
 
 Float64Array = NDArray[np.float64]
 
+# The block of rover.toml that is written.
+TABLE = f"mounts.{DEPTH_OPTICAL_FRAME}"
+MOUNT_KEYS = ("parent", "position_m", "quaternion_wxyz", "sigma_m", "sigma_deg")
+
 _FEWEST_FRAMES = 10
 # A camera that stands still sees the same floor; its noise moves the normal by far less.
 _STILL_RAD = math.radians(0.3)
@@ -89,7 +93,7 @@ class CameraMount:
         position = ", ".join(f"{value:.5f}" for value in self.T_parent_camera.translation_m)
         quat = ", ".join(f"{value:.8f}" for value in _quat_wxyz(self.T_parent_camera))
         return (
-            f"[mounts.{DEPTH_OPTICAL_FRAME}]\n"
+            f"[{TABLE}]\n"
             f'parent = "{self.parent}"\n'
             f"position_m = [{position}]\n"
             f"quaternion_wxyz = [{quat}]\n"

@@ -10,8 +10,9 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from acquisition.commands.arguments import numbers, product
+from acquisition.commands.arguments import numbers
 from acquisition.commands.console import OK, Console, prepare_depth_code, show
+from calibration_rigs.rover_block import add_block_output, check_block_target, write_block
 
 if TYPE_CHECKING:
     from acquisition.messages.codec import Recordable
@@ -24,14 +25,7 @@ def add_mount_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe calibrate mount`."""
     add = parser.add_argument
     add("recording", type=Path, metavar="REC.mcap", help="rover at rest, camera sees flat floor")
-    add(
-        "-o",
-        "--output",
-        type=product(".toml"),
-        required=True,
-        metavar="FILE.toml",
-        help="a block to put into rover.toml",
-    )
+    add_block_output(parser)
     add(
         "--parent-height-m",
         type=float,
@@ -59,16 +53,13 @@ def add_track_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_mount(options: argparse.Namespace, console: Console) -> int:
     """Write the block for rover.toml."""
-    from acquisition.files import check_target
-    from mapping.files import write_whole
+    from calibration_rigs.mount_rig.camera import MOUNT_KEYS, TABLE
 
-    check_target(options.output)
+    check_block_target(options.output, TABLE, MOUNT_KEYS)
     prepare_depth_code(console)
     with console.progress(f"reading {options.recording}"):
         samples = _samples(options.recording)
-    mount = _camera_mount(options, samples)
-    write_whole(options.output, mount.toml().encode())
-    show(console, mount, as_json=options.json)
+    write_block(options, console, _camera_mount(options, samples))
     return OK
 
 
@@ -91,6 +82,7 @@ def run_track(options: argparse.Namespace, console: Console) -> int:
 
 
 def _camera_mount(options: argparse.Namespace, samples: list[Recordable]) -> CameraMount:
+    """Return the mount that the frames tell, from the recorded one, which is about right."""
     from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, StaticTransforms
     from calibration_rigs.errors import RigError
     from calibration_rigs.mount_rig.camera import calibrate_camera

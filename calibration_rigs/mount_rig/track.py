@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from calibration_rigs.errors import RigError
 from calibration_rigs.static_rig.allan import Coefficient
+from calibration_rigs.static_rig.gaps import describe_gaps, gaps_of
 from drivers.samples import WheelTwistSample, YawRateSample
 
 Float64Array = NDArray[np.float64]
@@ -72,17 +73,21 @@ def calibrate_track(
         gyro: of the same recording, to confirm the angles; empty = nothing confirms them.
 
     Raises:
-        RigError: the wheels' sides are not told apart, other turns than angles, wrong sense, the
-            gyro saw other angles, or a track far from the one in use.
+        RigError: the wheels' sides are not told apart, other turns than angles, speeds missing
+            within a turn, wrong sense, the gyro saw other angles, or a track far from the one in
+            use.
     """
     known = [s for s in samples if s.left_m_s is not None and s.right_m_s is not None]
     t_s, difference = _difference(known)
     turns = _moves(t_s, difference)
     if len(turns) != len(true_rad) or not turns:
+        gaps = gaps_of(t_s)
         raise RigError(
             f"{len(turns)} turns with rest around them and {len(true_rad)} known angles; expected "
             "as many of one as of the other"
+            + (f"; the wheels have {describe_gaps(gaps)}" if gaps else "")
         )
+    _require_whole([t_s[part] for part in turns])
     tracks = np.array(
         [
             _integral(t_s[part], difference[part]) / angle if angle else math.nan
@@ -100,6 +105,18 @@ def calibrate_track(
     n = len(tracks)
     sigma = float(np.std(tracks, ddof=1) / math.sqrt(n)) if n > 1 else math.inf
     return EffectiveTrack(Coefficient(float(tracks.mean()), sigma), (*map(float, tracks),))
+
+
+def _require_whole(turns_s: Sequence[Float64Array]) -> None:
+    """Refuse turns with a gap, over which nobody knows how far the wheels went."""
+    for number, t_s in enumerate(turns_s, start=1):
+        gaps = gaps_of(t_s)
+        if gaps:
+            longest_s = max(gap.length_s for gap in gaps)
+            raise RigError(
+                f"turn {number} has no wheel speeds for {longest_s:.2f} s; expected a recording "
+                "without gaps in its turns: record it again"
+            )
 
 
 def _confirm_angles(

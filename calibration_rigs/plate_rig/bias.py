@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration_rigs.errors import RigError
-from calibration_rigs.plate_rig.cell import CellResult
+from calibration_rigs.plate_rig.cell_result import CellResult
 from calibration_rigs.plate_rig.manifest import Rig
 
 Float64Array = NDArray[np.float64]

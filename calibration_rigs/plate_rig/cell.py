@@ -1,106 +1,28 @@
-"""One cell: from its frames to sigma, bias and everything else that is said of it."""
+"""One cell: from its frames to what is said of it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import degrees
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration_rigs.plate_rig.cell_result import CellResult
 from calibration_rigs.plate_rig.correlation import correlation_area_px
 from calibration_rigs.plate_rig.faults import Fault, shape_faults, view_faults
 from calibration_rigs.plate_rig.frames import CellFrames
-from calibration_rigs.plate_rig.goodness import Goodness
 from calibration_rigs.plate_rig.manifest import CellEntry, Rig
-from calibration_rigs.plate_rig.metrics import (
-    PaperNumbers,
-    TemporalSpread,
-    lateral_sigma_px,
-    paper_numbers,
-    temporal_spread,
-)
+from calibration_rigs.plate_rig.metrics import lateral_sigma_px, paper_numbers, temporal_spread
 from calibration_rigs.plate_rig.outline import Outline, outline
 from calibration_rigs.plate_rig.plane import DisparityPlane, pixels_of
-from calibration_rigs.plate_rig.quantised import QuantisedSpread, sheppard
+from calibration_rigs.plate_rig.quantised import sheppard
 from calibration_rigs.plate_rig.segmentation import Segment, find_plate, mean_depth_m
-from calibration_rigs.plate_rig.spread import Deviations, measure_spread
-from drivers.samples import CameraIntrinsics
-from mapping.calibration_file import DeviceIdentity
+from calibration_rigs.plate_rig.spread import measure_spread
 from mapping.measurement import SENSOR_WIDTH_PX
 
 Float64Array = NDArray[np.float64]
 
 _CORRELATION_FRAMES = 8
-
-
-@dataclass(frozen=True, slots=True)
-class CellResult:
-    """What one cell came to. Lengths in metres, angles in radians.
-
-    Attributes:
-        cell: what was asked for and read off the tape.
-        device, camera, sha256: who measured, and in which bytes.
-        frames, pixels: used; pixels well on the plate.
-        z_m, incidence_rad: mean of the readings that sigma was made of.
-        turn_rad, tip_rad, roll_rad: of the plate, from the plane and its side edges.
-        step_m: depth step at z_m.
-        spread: of the readings, in steps.
-        goodness: chi-square over the steps; None when too few steps occur.
-        plain_sigma_m: standard deviation of the same readings about the plane, steps included:
-            the plane RMS.
-        sheppard_sigma_m: the same less that of steps of uniform phase.
-        error_m: reading minus tape at the plate's middle; None when the tape was refused.
-        error_sigma_m: its standard deviation, without what all cells share.
-        fill_rate: share of the plate's pixels that read.
-        z_accuracy: median of (reading - truth) / truth; None without tape.
-        subpixel_rms_px: plane RMS as disparity.
-        temporal: spread in time.
-        lateral_px, lateral_readings: spread of the side edges in pixels of the 640 px wide image.
-        correlation_area_px: pixels of the 640 px wide image that share one draw.
-        paper: the paper's own numbers.
-        deviations: histogram of the readings about the plane.
-        faults: what is wrong with the cell.
-    """
-
-    cell: CellEntry
-    device: DeviceIdentity
-    camera: CameraIntrinsics
-    sha256: str
-    frames: int
-    pixels: int
-    z_m: float
-    incidence_rad: float
-    turn_rad: float
-    tip_rad: float
-    roll_rad: float
-    step_m: float
-    spread: QuantisedSpread
-    goodness: Goodness | None
-    plain_sigma_m: float
-    sheppard_sigma_m: float
-    error_m: float | None
-    error_sigma_m: float
-    fill_rate: float
-    z_accuracy: float | None
-    subpixel_rms_px: float
-    temporal: TemporalSpread
-    lateral_px: float
-    lateral_readings: int
-    correlation_area_px: float
-    paper: PaperNumbers
-    deviations: Deviations
-    faults: tuple[Fault, ...]
-
-    @property
-    def sigma_m(self) -> float:
-        """Spread without the steps; an upper bound when `spread.is_below`."""
-        return self.spread.sigma * self.step_m
-
-    @property
-    def is_used(self) -> bool:
-        """Whether the cell takes part in the fits."""
-        return not any(fault.excludes for fault in self.faults)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,17 +47,18 @@ def analyse(frames: CellFrames, cell: CellEntry, rig: Rig) -> CellOutcome:
     """
     camera = frames.camera
     disparity_px_m = rig.disparity_px_m(camera.fx_px, camera.width_px)
-    step_m = cell.distance_m**2 * rig.disparity_step_px / disparity_px_m
     mean_m, seen = mean_depth_m(frames.depth_mm)
-    plate = find_plate(mean_m, seen, cell, rig, step_m)
+    nominal_step_m = cell.distance_m**2 * rig.disparity_step_px / disparity_px_m
+    plate = find_plate(mean_m, seen, cell, rig, nominal_step_m)
     found = outline(plate.whole, plate.plane, camera, rig)
     residual_px = _residual_px(plate, disparity_px_m)
     spread = measure_spread(frames.depth_mm, plate, found, camera, rig)
     plane = plate.plane.shifted(spread.fit.offset * rig.disparity_step_px / disparity_px_m)
-    error_m, error_sigma_m, tape_faults = tape_error(found, plate.plane, plane, cell, rig)
-    offset_m = spread.fit.offset_sigma * spread.step_m
+    error_m, error_sigma_m, tape_faults = _tape_error(found, plate.plane, plane, cell, rig)
     decimation = SENSOR_WIDTH_PX / camera.width_px
     lateral, lateral_readings = lateral_sigma_px(frames.depth_mm, plate.plane, found)
+    faults = view_faults(frames, found, plate, rig)
+    faults += shape_faults(residual_px, plane, found, spread, cell, camera, rig)
     result = CellResult(
         cell=cell,
         device=frames.device,
@@ -154,7 +77,7 @@ def analyse(frames: CellFrames, cell: CellEntry, rig: Rig) -> CellOutcome:
         plain_sigma_m=spread.plain * spread.step_m,
         sheppard_sigma_m=sheppard(spread.plain, 1.0) * spread.step_m,
         error_m=error_m,
-        error_sigma_m=float(np.hypot(error_sigma_m, offset_m)),
+        error_sigma_m=float(np.hypot(error_sigma_m, spread.fit.offset_sigma * spread.step_m)),
         fill_rate=float(seen[plate.inside].mean()),
         z_accuracy=None if error_m is None else error_m / (found.middle_m[2] - error_m),
         subpixel_rms_px=spread.plain * rig.disparity_step_px,
@@ -164,18 +87,12 @@ def analyse(frames: CellFrames, cell: CellEntry, rig: Rig) -> CellOutcome:
         correlation_area_px=_correlation(frames, plate, disparity_px_m) * decimation**2,
         paper=paper_numbers(frames.depth_mm, plate.eroded, plate.plane),
         deviations=spread.deviations,
-        faults=(
-            *view_faults(frames, found, plate, rig),
-            *shape_faults(
-                residual_px, plane, found, cell, camera, spread.fit, spread.step_m, disparity_px_m
-            ),
-            *tape_faults,
-        ),
+        faults=(*faults, *tape_faults),
     )
     return CellOutcome(result, residual_px)
 
 
-def tape_error(
+def _tape_error(
     found: Outline,
     fitted: DisparityPlane,
     corrected: DisparityPlane,
@@ -211,6 +128,7 @@ def tape_error(
 
 
 def _residual_px(plate: Segment, disparity_px_m: float) -> NDArray[np.float32]:
+    """Return the mean disparity minus the plane's, see `CellOutcome`."""
     u, v = pixels_of(plate.eroded)
     residual = np.full(plate.eroded.shape, np.nan, np.float32)
     inverse = plate.plane.inverse_z(u, v)
@@ -230,8 +148,3 @@ def _correlation(frames: CellFrames, plate: Segment, disparity_px_m: float) -> f
     there = (z_m > 0.0) & plate.eroded[box]
     residual = np.where(there, disparity_px_m * (1.0 / np.where(there, z_m, 1.0) - inverse), np.nan)
     return correlation_area_px(residual)
-
-
-def label(result: CellResult) -> str:
-    """Return a cell's distance and angle as they were measured."""
-    return f"{result.z_m:.2f} m, {degrees(result.incidence_rad):.0f} deg"

@@ -85,7 +85,7 @@ def _session(options: argparse.Namespace, console: Console) -> int:
 
 
 class Keyboard:
-    """Asks on standard input; see `calibration_rigs.plate_rig.session.Operator`."""
+    """Asks on standard input; see `calibration_rigs.plate_rig.questions.Operator`."""
 
     def __init__(self, console: Console) -> None:
         self._console = console

@@ -12,8 +12,8 @@ from calibration_rigs.plate_rig.frames import CellFrames
 from calibration_rigs.plate_rig.manifest import CORNERS, CellEntry, Rig
 from calibration_rigs.plate_rig.outline import Outline
 from calibration_rigs.plate_rig.plane import DisparityPlane
-from calibration_rigs.plate_rig.quantised import QuantisedSpread
 from calibration_rigs.plate_rig.segmentation import Segment
+from calibration_rigs.plate_rig.spread import Spread
 from drivers.samples import CameraIntrinsics
 
 FRAMES_WANTED = 100
@@ -84,6 +84,7 @@ def view_faults(frames: CellFrames, found: Outline, plate: Segment, rig: Rig) ->
 
 
 def _size_fault(found: Outline, rig: Rig) -> list[Fault]:
+    """Return what is wrong with the size of a plate whose sides are both seen."""
     whole = found.top.is_seen and found.bottom.is_seen
     short = found.width_m < _SIZE_SHARE * rig.plate_width_m
     low = whole and found.height_m < _SIZE_SHARE * rig.plate_height_m
@@ -101,17 +102,24 @@ def shape_faults(
     residual_px: NDArray[np.float32],
     plane: DisparityPlane,
     found: Outline,
+    spread: Spread,
     cell: CellEntry,
     camera: CameraIntrinsics,
-    spread: QuantisedSpread,
-    step_m: float,
-    disparity_px_m: float,
+    rig: Rig,
 ) -> list[Fault]:
-    """Return what is wrong with the plate itself: bent, or not turned as it should be."""
+    """Return what is wrong with the plate itself: bent, or not turned as it should be.
+
+    Args:
+        residual_px: (height, width) mean disparity minus the plane's; NaN off the plate.
+        plane, found, spread: of the plate.
+        cell: what was asked for.
+        camera, rig: sensor.
+    """
     faults = []
-    z_m = found.middle_m[2]
-    bend_m = _bend(residual_px) * z_m**2 / disparity_px_m
-    limit_m = max(_BEND_M, (_BEND_STEPS_QUIET if spread.is_below else _BEND_STEPS) * step_m)
+    bend_m = _bend(residual_px) * found.middle_m[2] ** 2
+    bend_m /= rig.disparity_px_m(camera.fx_px, camera.width_px)
+    steps = _BEND_STEPS_QUIET if spread.fit.is_below else _BEND_STEPS
+    limit_m = max(_BEND_M, steps * spread.step_m)
     if bend_m > limit_m:
         text = (
             f"the plate is bent: {1000 * bend_m:.0f} mm between its middle and its rim, expected "

@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from calibration_rigs.plate_rig.cell import CellResult, label
+from calibration_rigs.plate_rig.cell_result import CellResult, label
 from calibration_rigs.plate_rig.process import PlateResult
 from calibration_rigs.plate_rig.quantised import BELOW_STEPS
 from mapping.output.figure_profile import BLUE, ORANGE

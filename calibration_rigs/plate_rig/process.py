@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from calibration_rigs.errors import RigError
 from calibration_rigs.plate_rig.bands import BOOTSTRAPS, Bands, bootstrap
 from calibration_rigs.plate_rig.bias import BiasFit, fit_bias, tape_outliers
-from calibration_rigs.plate_rig.cell import CellOutcome, CellResult, analyse
+from calibration_rigs.plate_rig.cell import CellOutcome, analyse
+from calibration_rigs.plate_rig.cell_result import CellResult
 from calibration_rigs.plate_rig.faults import Fault
 from calibration_rigs.plate_rig.frames import read_frames
 from calibration_rigs.plate_rig.manifest import CellEntry, Manifest

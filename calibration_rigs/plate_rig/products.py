@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from calibration_rigs.plate_rig.cell import CellResult
+from calibration_rigs.plate_rig.cell_result import CellResult
 from calibration_rigs.plate_rig.process import PlateResult, worst_held_out
 from mapping.calibration_file import DeviceIdentity, Measured, ValidityBox, noise_to_json
 from mapping.noise import DepthNoiseModel
@@ -117,6 +117,7 @@ def ros_yaml(result: PlateResult) -> str:
     spread = model.axial_sigma_m(z_m, np.zeros_like(z_m))
 
     def residuals(p: Float64Array) -> Float64Array:
+        """Return (50,) log of the law a + b (z - c)^2 over this model facing the plate."""
         off: Float64Array = np.log((p[0] + p[1] * (z_m - p[2]) ** 2) / spread)
         return off
 

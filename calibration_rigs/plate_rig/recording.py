@@ -46,6 +46,7 @@ class SourceCapture:
         stop = Event()
 
         def beat(snapshot: HealthSnapshot) -> None:
+            """Stop when there are enough frames."""
             if frames_of(snapshot) >= frames:
                 stop.set()
 

@@ -10,20 +10,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 from pydantic import ValidationError
 
 from calibration_rigs.errors import RigError
-from calibration_rigs.plate_rig.cell_checks import look_at, tape_doubt
+from calibration_rigs.plate_rig.cell_checks import look_at
 from calibration_rigs.plate_rig.frames import read_frames
-from calibration_rigs.plate_rig.manifest import (
-    CORNERS,
-    CellEntry,
-    Environment,
-    Rig,
-    first_fault,
-)
+from calibration_rigs.plate_rig.manifest import CellEntry, Environment, Rig, first_fault
+from calibration_rigs.plate_rig.questions import CellSkipped, Operator, Questions, SessionLeft
 from calibration_rigs.plate_rig.recording import Capture
 from calibration_rigs.plate_rig.session_state import (
     TABLE_NAME,
@@ -40,32 +34,8 @@ STATIONS_M = tuple(round(1.0 + 0.2 * k, 1) for k in range(11))
 ANGLES_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _WARM_UP_FRAMES = 30
 _WARM_UP_EVERY_S = 60.0
-# Leaves the operator's loop; everything is saved.
-_QUIT = "quit"
-
 
 Look = Callable[[Path, CellEntry, Rig], list[str]]
-
-
-class Operator(Protocol):
-    """Who stands at the plate."""
-
-    def say(self, text: str) -> None:
-        """Tell something."""
-
-    def ask(self, question: str) -> str:
-        """Return the answer; "quit" ends the session, to be continued later."""
-
-    def wait(self, seconds: float) -> None:
-        """Let time pass."""
-
-
-class _Quit(Exception):  # noqa: N818 - not an error: the operator has had enough
-    """The operator wants to stop."""
-
-
-class _Skip(Exception):  # noqa: N818 - not an error: the operator goes on
-    """The operator leaves a cell out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +90,7 @@ class PlateSession:
         self._folder = folder
         self._plan = plan
         self._capture = capture
-        self._operator = operator
+        self._operator = Questions(operator)
         self._clock_s = clock_s
         self._look = look or look_at
         self.state = load_state(folder) or SessionState(
@@ -141,7 +111,7 @@ class PlateSession:
                 self._warm_up()
             for target in self.state.pending():
                 self._do(target)
-        except _Quit:
+        except SessionLeft:
             self._operator.say("Saved. Start the same command again to go on.")
         return not self.state.pending()
 
@@ -154,13 +124,14 @@ class PlateSession:
         )
 
     def _warm_up(self) -> None:
+        """Record the plate in the middle every minute until its distance no longer drifts."""
         nearest_m = min(self._plan.stations_m)
         self._operator.say(
             f"Warm-up: put the plate at {nearest_m:.2f} m, facing the camera, and leave it. This "
             "takes ten minutes or more."
         )
         question = "Enter when it stands, 'skip' if the camera has been on for an hour:"
-        if self._answer(question) == "skip":
+        if self._operator.answer(question) == "skip":
             self._warm()
             return
         while True:
@@ -176,6 +147,7 @@ class PlateSession:
             self._operator.wait(_WARM_UP_EVERY_S)
 
     def _warm(self) -> None:
+        """Keep that the warm-up is over."""
         self.state.is_warm = True
         save_state(self._folder, self.state)
 
@@ -196,66 +168,40 @@ class PlateSession:
         self._operator.say(f"Cell {number} of {len(self.state.order)}: {target.name}.")
         try:
             while True:
-                cell = self._asked(target)
+                cell = self._read_off(target)
                 if self._recorded(cell):
                     return
-        except _Skip:
+        except CellSkipped:
             self.state.skipped.append(target)
             save_state(self._folder, self.state)
 
-    def _asked(self, target: Target) -> CellEntry:
-        """Ask for what is read off tape and meters, until it can be."""
+    def _read_off(self, target: Target) -> CellEntry:
+        """Return the cell with what is read off tape and meters, asked until it can be."""
+        last = self.state.cells[-1] if self.state.cells else None
         while True:
+            corners_m = self._operator.corners_m(target, self._plan.rig)
+            lux = self._operator.number(
+                "Light in lux (Enter = as before):", last.lux if last else None
+            )
+            temperature_c = self._operator.number(
+                "Temperature in deg C (Enter = as before):", last.temperature_c if last else None
+            )
             try:
-                return self._read_off(target)
+                return CellEntry(
+                    recording="pending",
+                    distance_m=target.distance_m,
+                    angle_deg=target.angle_deg,
+                    corners_m=corners_m,
+                    environment=self.state.environment,
+                    lux=lux,
+                    temperature_c=temperature_c,
+                )
             except ValidationError as error:
                 self._operator.say(f"That cannot be: {first_fault(error)}.")
 
-    def _read_off(self, target: Target) -> CellEntry:
-        corners = self._corners(target)
-        last = self.state.cells[-1] if self.state.cells else None
-        lux = self._number("Light in lux (Enter = as before):", last.lux if last else None)
-        warmth = self._number(
-            "Temperature in deg C (Enter = as before):", last.temperature_c if last else None
-        )
-        return CellEntry(
-            recording="pending",
-            distance_m=target.distance_m,
-            angle_deg=target.angle_deg,
-            corners_m=corners,
-            environment=self.state.environment,
-            lux=lux,
-            temperature_c=warmth,
-        )
-
-    def _corners(self, target: Target) -> tuple[float, float, float]:
-        question = f"Tape to {', '.join(CORNERS)} corner, in metres, or 'skip':"
-        while True:
-            words = self._answer(question).replace(",", " ").split()
-            if words == ["skip"]:
-                raise _Skip
-            try:
-                top_left, top_right, bottom_left = map(float, words)
-            except ValueError:
-                self._operator.say("Expected three numbers such as 1.002 1.001 1.003.")
-                continue
-            doubt = tape_doubt((top_left, top_right, bottom_left), target, self._plan.rig)
-            if not doubt or self._answer(f"{doubt} 'yes' if it is right:") == "yes":
-                return top_left, top_right, bottom_left
-
-    def _number(self, question: str, before: float | None) -> float | None:
-        while True:
-            text = self._answer(question)
-            if not text:
-                return before
-            try:
-                return float(text)
-            except ValueError:
-                self._operator.say(f"{text!r} is no number.")
-
     def _recorded(self, cell: CellEntry) -> bool:
         """Record and look at a cell; return whether it is kept."""
-        self._answer("Enter to record; keep away from the plate:")
+        self._operator.answer("Enter to record; keep away from the plate:")
         path = self._next_path(f"z{100 * cell.distance_m:.0f}_a{cell.angle_deg:.0f}")
         try:
             self._capture.record(path, self._plan.frames)
@@ -266,27 +212,12 @@ class PlateSession:
             named = None
         for doubt in doubts:
             self._operator.say(f"! {doubt}")
-        if doubts and self._kept(named is not None) != "keep":
+        if doubts and not self._operator.keeps(can_be_kept=named is not None):
             return False
         if named is not None:
             self.state.cells.append(named)
             save_state(self._folder, self.state)
         return named is not None
-
-    def _kept(self, can_be: bool) -> str:
-        choices = "'again', 'skip'" + (", 'keep'" if can_be else "")
-        while True:
-            answer = self._answer(f"{choices} or 'quit':")
-            if answer == "skip":
-                raise _Skip
-            if answer == "again" or (answer == "keep" and can_be):
-                return answer
-
-    def _answer(self, question: str) -> str:
-        answer = self._operator.ask(question).strip().lower()
-        if answer == _QUIT:
-            raise _Quit
-        return answer
 
     def _next_path(self, name: str) -> Path:
         """Return a new file's path; the number is kept even if nothing comes of it."""

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from calibration_rigs.plate_rig.cell import CellResult
+from calibration_rigs.plate_rig.cell_result import CellResult
 from mapping.noise import DepthNoiseModel
 
 Float64Array = NDArray[np.float64]
@@ -239,6 +239,7 @@ def fit_parameters(name: str, cells: CellSigmas) -> Float64Array:
     row = _LAWS[name]
 
     def residuals(p: Float64Array) -> Float64Array:
+        """Return (n,) log of law over cell, in sigmas; a bound counts where the law exceeds it."""
         off = np.log(np.maximum(row.law(p, cells.at), 1e-9) / cells.sigma_m)
         return np.where(cells.is_below, np.maximum(off, 0.0), off) / cells.error
 

@@ -8,7 +8,7 @@ from math import degrees
 
 import numpy as np
 
-from calibration_rigs.plate_rig.cell import CellResult
+from calibration_rigs.plate_rig.cell_result import CellResult
 from calibration_rigs.plate_rig.manifest import CellEntry
 from calibration_rigs.plate_rig.process import PlateResult, worst_held_out
 from calibration_rigs.plate_rig.products import measured

@@ -4,7 +4,7 @@ Both tell the yaw rate, b(t) = g a(t - d) + o. Resampled to 1 kHz and smoothed b
 filter, so that noise does not depend on where a shift falls between samples, the two are brought
 to match by least squares over d, g and o. The uncertainty is that of a sandwich whose pieces are
 seconds of the recording: noise that neighbours share, and motion that the two see differently,
-widen it.
+widen it. Where one of them has a gap, nothing is compared.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.stats import t as student
 
 from calibration_rigs.errors import RigError
+from calibration_rigs.static_rig.gaps import away_from, bridged, gaps_of
 
 Float64Array = NDArray[np.float64]
 
@@ -52,7 +53,7 @@ class Delay:
         sigma_s: a third of the half width that holds the truth in 99.73 of 100 recordings.
         gain: rate over the reference's; negative = its axis points the other way.
         correlation: of the two after the shift.
-        duration_s: of the motion used.
+        duration_s: of the motion used, without what is lost at gaps.
     """
 
     delay_s: float
@@ -70,13 +71,7 @@ def relative_delay(reference: YawRate, other: YawRate) -> Delay:
     """
     first = max(float(reference.t_s[0]), float(other.t_s[0]))
     last = min(float(reference.t_s[-1]), float(other.t_s[-1]))
-    margin_s = _LARGEST_S + 4.0 * _SMOOTH_S
-    grid = np.arange(first + margin_s, last - margin_s, _STEP_S)
-    if grid.size * _STEP_S < _PIECES_AT_LEAST * _PIECE_S:
-        raise RigError(
-            f"the sensors overlap for {max(last - first, 0.0):.1f} s; expected at least "
-            f"{_PIECES_AT_LEAST * _PIECE_S + 2.0 * margin_s:.0f} s of turning to and fro by hand"
-        )
+    grid = _grid(reference, other, first, last)
     wide = np.arange(first, last, _STEP_S)
     a = CubicSpline(wide, _smooth(reference, wide))
     b = np.interp(grid, wide, _smooth(other, wide))
@@ -103,9 +98,30 @@ def relative_delay(reference: YawRate, other: YawRate) -> Delay:
     return Delay(delay_s, sigma_s, gain, correlation, float(grid.size * _STEP_S))
 
 
+def _grid(reference: YawRate, other: YawRate, first: float, last: float) -> Float64Array:
+    """Return the times at which the two are compared: away from their ends and gaps.
+
+    Raises:
+        RigError: they are too few.
+    """
+    reach_s = 4.0 * _SMOOTH_S
+    margin_s = _LARGEST_S + reach_s
+    grid = np.arange(first + margin_s, last - margin_s, _STEP_S)
+    whole = grid.size
+    grid = away_from(grid, gaps_of(reference.t_s), margin_s)
+    grid = away_from(grid, gaps_of(other.t_s), reach_s)
+    if grid.size * _STEP_S < _PIECES_AT_LEAST * _PIECE_S:
+        lost = f", {(whole - grid.size) * _STEP_S:.1f} s of it at gaps" if grid.size < whole else ""
+        raise RigError(
+            f"the sensors overlap for {max(last - first, 0.0):.1f} s{lost}; expected at least "
+            f"{_PIECES_AT_LEAST * _PIECE_S + 2.0 * margin_s:.0f} s of turning to and fro by hand"
+        )
+    return grid
+
+
 def _smooth(signal: YawRate, grid: Float64Array) -> Float64Array:
     """Return the rate on the grid, smoothed without shift."""
-    plain = CubicSpline(signal.t_s, signal.rate_rad_s)(grid)
+    plain = CubicSpline(*bridged(signal.t_s, signal.rate_rad_s))(grid)
     return np.asarray(gaussian_filter1d(plain, _SMOOTH_S / _STEP_S), np.float64)
 
 

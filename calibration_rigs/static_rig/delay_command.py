@@ -5,22 +5,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from acquisition.commands.arguments import milliseconds, product
-from acquisition.commands.console import OK, Console, prepare_depth_code, show
+from acquisition.commands.arguments import milliseconds
+from acquisition.commands.console import OK, Console, prepare_depth_code
+from calibration_rigs.rover_block import add_block_output, check_block_target, write_block
 
 
 def add_delay_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe calibrate delay`."""
     add = parser.add_argument
     add("recording", type=Path, metavar="REC.mcap", help="rover turned to and fro by hand")
-    add(
-        "-o",
-        "--output",
-        type=product(".toml"),
-        required=True,
-        metavar="FILE.toml",
-        help="a block to put into rover.toml",
-    )
+    add_block_output(parser)
     add(
         "--reference",
         choices=("mocap", "gyro", "wheels"),
@@ -38,16 +32,13 @@ def add_delay_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_delay(options: argparse.Namespace, console: Console) -> int:
     """Write the block for rover.toml."""
-    from acquisition.files import check_target
-    from calibration_rigs.static_rig.delay_session import calibrate_delays
-    from mapping.files import write_whole
+    from calibration_rigs.static_rig.delay_session import DELAY_KEYS, TABLE, calibrate_delays
 
-    check_target(options.output)
+    check_block_target(options.output, TABLE, DELAY_KEYS.values())
     prepare_depth_code(console)
     with console.progress(f"reading {options.recording}"):
         found = calibrate_delays(
             options.recording, options.reference, 1e-3 * options.reference_delay_ms
         )
-    write_whole(options.output, found.toml().encode())
-    show(console, found, as_json=options.json)
+    write_block(options, console, found)
     return OK

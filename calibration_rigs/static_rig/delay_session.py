@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +12,14 @@ from acquisition.stream.byte_source import FinishedFile
 from acquisition.stream.reader import StreamReader
 from calibration_rigs.errors import RigError
 from calibration_rigs.static_rig.delay import Delay, YawRate, relative_delay
+from calibration_rigs.static_rig.gaps import Gap, describe_gaps, gaps_of
 from drivers.samples import PoseSample, WheelTwistSample, YawRateSample
 
 # In this order the first that a recording holds is the reference.
 SENSORS = ("mocap", "gyro", "wheels")
-# The settings of ego-motion that take a delay; motion capture has none.
-_KEYS = {"gyro": "gyro_delay_s", "wheels": "wheels_delay_s"}
+# The block of rover.toml that is written, and its settings; motion capture has none.
+TABLE = "map.ego_motion"
+DELAY_KEYS = {"gyro": "gyro_delay_s", "wheels": "wheels_delay_s"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,26 +31,29 @@ class DelayCalibration:
         reference_delay_s: what the user knows of that.
         delays: of the others, against the reference, by name.
         source: name of the recording.
+        gaps: of the sensors that have some, by name; seconds after the first yaw of any of them.
     """
 
     reference: str
     reference_delay_s: float
     delays: dict[str, Delay]
     source: str
+    gaps: dict[str, tuple[Gap, ...]] = field(default_factory=dict)
 
     def toml(self) -> str:
         """Return the block for rover.toml."""
         lines = [
             f"# from {self.source}; +- is one sigma; the reference is {self.reference}, whose",
             f"# stamps are taken to be {1e3 * self.reference_delay_s:g} ms late",
-            "[map.ego_motion]",
+            *(f"# {name} has {describe_gaps(gaps)}" for name, gaps in self.gaps.items()),
+            f"[{TABLE}]",
         ]
-        if self.reference in _KEYS and self.reference_delay_s >= 0.0:
-            lines.append(f"{_KEYS[self.reference]} = {self.reference_delay_s:.6f}")
+        if self.reference in DELAY_KEYS and self.reference_delay_s >= 0.0:
+            lines.append(f"{DELAY_KEYS[self.reference]} = {self.reference_delay_s:.6f}")
         for name, delay in self.delays.items():
             total_s = self._total_s(delay)
-            if name in _KEYS and total_s >= 0.0:
-                lines.append(f"{_KEYS[name]} = {total_s:.6f}  # +- {delay.sigma_s:.6f}")
+            if name in DELAY_KEYS and total_s >= 0.0:
+                lines.append(f"{DELAY_KEYS[name]} = {total_s:.6f}  # +- {delay.sigma_s:.6f}")
             else:  # ego-motion takes no delay of this sensor, or none below 0
                 lines.append(f"# {name}: {total_s:.6f} s +- {delay.sigma_s:.6f}")
         return "\n".join(lines) + "\n"
@@ -59,6 +64,7 @@ class DelayCalibration:
             "reference": self.reference,
             "reference_delay_s": self.reference_delay_s,
             "delays": {name: asdict(delay) for name, delay in self.delays.items()},
+            "gaps": {name: [gap._asdict() for gap in gaps] for name, gaps in self.gaps.items()},
         }
 
     def describe(self) -> list[str]:
@@ -77,6 +83,8 @@ class DelayCalibration:
                 )
             if delay.gain < 0.0:
                 lines.append(f"warning: {name} turns against the reference; check its mount")
+        for name, gaps in self.gaps.items():
+            lines.append(f"warning: {name} has {describe_gaps(gaps)}; what lies around is not used")
         return lines
 
     def _total_s(self, delay: Delay) -> float:
@@ -114,7 +122,8 @@ def calibrate_delays(
             delays[name] = relative_delay(rates[chosen], rate)
         except RigError as error:
             raise RigError(f"{name} against {chosen}: {error}") from error
-    return DelayCalibration(chosen, reference_delay_s, delays, path.name)
+    gaps = {name: found for name, rate in rates.items() if (found := gaps_of(rate.t_s))}
+    return DelayCalibration(chosen, reference_delay_s, delays, path.name, gaps)
 
 
 def read_yaw_rates(path: Path) -> dict[str, YawRate]:
@@ -160,6 +169,8 @@ def _series(rows: list[tuple[int, float]], start_ns: int) -> YawRate:
 
 
 def _differentiated(angle: YawRate) -> YawRate:
-    """Return the rate half way between the angles."""
+    """Return the rate half way between the angles, but for those with a gap between them."""
     t_s, turned = angle.t_s, np.unwrap(angle.rate_rad_s)
-    return YawRate(0.5 * (t_s[1:] + t_s[:-1]), np.diff(turned) / np.diff(t_s))
+    known = ~np.isin(t_s[:-1], [gap.begin_s for gap in gaps_of(t_s)])
+    middle_s, rate_rad_s = 0.5 * (t_s[1:] + t_s[:-1]), np.diff(turned) / np.diff(t_s)
+    return YawRate(middle_s[known], rate_rad_s[known])

@@ -123,14 +123,16 @@ def read_out(
     Variance = what differs from frame to frame + |sensitivities to the constant errors|^2 +
     mount_sigma_m^2 + relief + what poses and motions of the `rover` add (nothing when left out; see
     `mapping.motion.pose_errors`). Relief is relief_share * spread inside the cell +
-    (relief_share + min(1, 3 |slope|^2)) * |slope|^2 d^2 / 12 + min(2, relief_share +
-    relief_frames / frames + 2 (frames / pixels)^2) * (variance around a plane in 5 x 5 cells) +
-    spread beyond (d / 2)^2.
+    (relief_share + min(1, 3 |slope|^2)) * |slope|^2 d^2 / 12 + spread beyond (d / 2)^2 +
+    (min(2, relief_share + relief_frames / frames + (frames / pixels)^2) + min(2, g^2 / 2)) *
+    (variance around a plane in 5 x 5 cells), where g^2 is the sum over x and y of
+    (q - p)^2 / (4 (p + 1) (q + 1)), p and q the pixels of the neighbours on the two sides.
     The slope term is spread that one view does not show: a far image row crosses a cell along one
-    line, and of a steep cell one side is in view and another is not. The next term is the ground
-    that few views have sampled here and there in the cell, or that is its neighbours': where a
-    frame has few readings, noise has carried many of them over the border. The last one is what
-    stands up in the cell, which then has no single height: its bounds hold the top of a thin post.
+    line, and of a steep cell one side is in view and another is not. The next one is what stands up
+    in the cell, which then has no single height: its bounds hold the top of a thin post. The last
+    one is the ground that few views have sampled here and there in the cell, or that is its
+    neighbours': noise has carried readings over the border, most of them to where few belong and
+    from where many do.
     Rounding the height to float32 counts as noise that differs from frame to frame; it matters some
     kilometres above the origin of the terrain frame (0.3 mm at 10 km).
 

@@ -8,6 +8,7 @@ x in [ix d, (ix + 1) d), y in [iy d, (iy + 1) d). Both grids keep their cells in
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -207,8 +208,8 @@ class ScrollingGrid:
         """Centre the window on the rover and clear what has come into it."""
         half = self._cells // 2
         extent = CellWindow(
-            int(np.floor(rover_x_m / self._cell_size_m)) - half,
-            int(np.floor(rover_y_m / self._cell_size_m)) - half,
+            math.floor(rover_x_m / self._cell_size_m) - half,
+            math.floor(rover_y_m / self._cell_size_m) - half,
             self._cells,
             self._cells,
         )

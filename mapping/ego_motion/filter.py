@@ -11,30 +11,27 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
-from mapping.ego_motion.filter_kernels import LEFT_OUT, SURPRISED, run
-from mapping.ego_motion.filter_types import FilterConstants, Int64Array, Rows, States
+from mapping.ego_motion.filter_kernels import run
+from mapping.ego_motion.filter_start import begin, filter_constants
+from mapping.ego_motion.filter_types import Int64Array, Rows, States
+from mapping.ego_motion.filter_updates import LEFT_OUT, SURPRISED
 from mapping.ego_motion.history import History, copied, empty_states
 from mapping.ego_motion.settings import EgoMotionSettings
 from mapping.ego_motion.states import (
-    ACCELERATION,
     COLUMNS,
-    FORCE_ERROR,
-    GYRO_BIAS,
     PITCH_BIAS,
     PITCH_ERROR,
     POSE,
     ROLL_BIAS,
     ROLL_ERROR,
     SIZE,
-    SLIP,
-    SPEED,
     TICK,
-    TRACK_ERROR,
-    TURN,
-    VIBRATION_SCALE,
-    WHEEL_SCALE,
+    TICK_PITCH,
+    TICK_PITCH_RATE,
+    TICK_ROLL,
+    TICK_ROLL_RATE,
+    TICK_SINCE_S,
     WHEELS,
     YAW,
     X,
@@ -121,14 +118,7 @@ class PoseFilter:
         self._kind = np.zeros(0, np.int64)
         self._values = np.zeros((0, COLUMNS))
         self._poses: list[PoseMeasurement] = []
-        first = self._history.room_for(1)
-        first.t_ns[0] = t_ns
-        first.x[0, [X, Y, Z, YAW]] = start[[0, 1, 2, 5]]
-        first.p[0] = _first_covariance(settings, start_covariance)
-        first.phi[0] = np.eye(SIZE)
-        first.held[0, [0, 1]] = start[[3, 4]]
-        first.held[0, [4, 5]] = settings.tilt_lost_rad**2
-        first.held[0, 11] = settings.slip**2
+        begin(self._history.room_for(1), settings, t_ns, start, start_covariance)
         self._history.add(1)
 
     @property
@@ -242,59 +232,6 @@ def _vector(state: States) -> Float64Array:
     """Return x, y, z, roll, pitch, yaw of one state."""
     held = state.held[0]
     vector = POSE_OF_STATE @ state.x[0]
-    vector[3] += held[0] + held[2] * held[9]
-    vector[4] += held[1] + held[3] * held[9]
+    vector[3] += held[TICK_ROLL] + held[TICK_ROLL_RATE] * held[TICK_SINCE_S]
+    vector[4] += held[TICK_PITCH] + held[TICK_PITCH_RATE] * held[TICK_SINCE_S]
     return np.asarray(vector, np.float64)
-
-
-def _first_covariance(settings: EgoMotionSettings, start: Float64Array) -> Float64Array:
-    """Return the covariance of the first state; tilt is what the levelling finds."""
-    p = np.zeros((SIZE, SIZE))
-    planar = [0, 1, 2, 5]
-    p[np.ix_([X, Y, Z, YAW], [X, Y, Z, YAW])] = start[np.ix_(planar, planar)]
-    for state, sigma in {
-        TURN: settings.turn_sigma_rad_s,
-        SPEED: settings.speed_sigma_m_s,
-        GYRO_BIAS: settings.gyro_bias_rad_s,
-        WHEEL_SCALE: settings.wheel_scale,
-        SLIP: settings.slip,
-        ROLL_ERROR: settings.tilt_lost_rad,
-        PITCH_ERROR: settings.tilt_lost_rad,
-        ROLL_BIAS: settings.levelling_bias_rad,
-        PITCH_BIAS: settings.levelling_bias_rad,
-        TRACK_ERROR: settings.track_sigma,
-        VIBRATION_SCALE: settings.vibration_scale,
-        FORCE_ERROR: 1.0,
-        ACCELERATION: settings.acceleration_m_s2,
-    }.items():
-        p[state, state] = sigma**2
-    return p
-
-
-def filter_constants(settings: EgoMotionSettings) -> FilterConstants:
-    """Return what the kernel needs of the settings."""
-    turn_walk = settings.turn_walk_rad_s2_per_sqrt_hz
-    return FilterConstants(
-        tick_s=settings.tick_s,
-        levelling_time_s=settings.levelling_time_s,
-        slip_time_s=settings.slip_time_s,
-        slip_surprise=settings.slip_surprise,
-        lateral_slip_ratio=settings.lateral_slip_ratio,
-        vertical_walk_ratio=settings.vertical_walk_ratio,
-        lateral_slip_time_s=settings.lateral_slip_time_s,
-        acceleration_m_s2=settings.acceleration_m_s2,
-        acceleration_time_s=settings.acceleration_time_s,
-        acceleration_walk=2.0 * settings.acceleration_time_s * settings.acceleration_m_s2**2,
-        speed_sigma_m_s=settings.speed_sigma_m_s,
-        turn_walk=turn_walk,
-        turn_sigma_rad_s=settings.turn_sigma_rad_s,
-        turn_time_s=2.0 * settings.turn_sigma_rad_s**2 / turn_walk**2,
-        gyro_bias_walk=settings.gyro_bias_walk_rad_s_per_sqrt_s,
-        force_walk=settings.gravity_m_s2 * settings.ground_walk_rad_per_sqrt_s,
-        wheel_scale_walk=settings.wheel_scale_walk_per_sqrt_s,
-        zero_speed_m_s=settings.zero_speed_m_s,
-        zero_speed_alone_m_s=settings.zero_speed_alone_m_s,
-        zero_rate_rad_s=settings.zero_rate_rad_s,
-        gate_nis=settings.gate_sigma**2,
-        pose_gate_nis=float(chi2.isf(settings.pose_gate_probability, 6)),
-    )

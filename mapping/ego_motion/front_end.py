@@ -24,7 +24,21 @@ from mapping.ego_motion.standstill import (
     vibration_level,
     without_ends,
 )
-from mapping.ego_motion.states import COLUMNS, TICK
+from mapping.ego_motion.states import (
+    COLUMNS,
+    TICK,
+    TICK_FORCE,
+    TICK_PITCH,
+    TICK_PITCH_RATE,
+    TICK_PITCH_VARIANCE,
+    TICK_REST_VARIANCE,
+    TICK_ROLL,
+    TICK_ROLL_RATE,
+    TICK_ROLL_VARIANCE,
+    TICK_SLIP_VARIANCE,
+    TICK_SPEED_WALK,
+    TICK_STILL,
+)
 from mapping.ego_motion.watch import HealthWatch
 from mapping.geometry import Float64Array
 
@@ -246,20 +260,20 @@ class FrontEnd:
         unseen = np.where(still, 0.0, np.where(wheels_ok, doubt, 1.0))
         own = unseen * s.unseen_acceleration_ratio**2 * sway(wider.pitch_rad, self._sway_half)
         values = np.zeros((len(still), COLUMNS))
-        values[:, 0] = levelled.roll_rad
-        values[:, 1] = (1.0 - share) * levelled.pitch_rad + share * at_rest
-        values[:, 2] = levelled.roll_rate_rad_s
-        values[:, 3] = (1.0 - share) * levelled.pitch_rate_rad_s
-        values[:, 4] = levelled.roll_sigma_rad**2
-        values[:, 5] = (1.0 - share) ** 2 * (levelled.pitch_sigma_rad**2 + own)
-        values[:, 5] += guided * guess.pitch_variance_rad2
-        values[:, 6] = np.where(still, np.where(wheels_ok, 2.0, 1.0), 0.0)
-        values[:, 7] = share * (force - guess.rest_m_s2)
-        values[:, 8] = np.where(guided, guess.walk_m2_s3 + noise * s.tick_s, 0.0)
-        values[:, 8] += blocks.shock[here] * s.shock_speed_m_s**2 / s.tick_s
-        values[:, 11] = slip
+        values[:, TICK_ROLL] = levelled.roll_rad
+        values[:, TICK_PITCH] = (1.0 - share) * levelled.pitch_rad + share * at_rest
+        values[:, TICK_ROLL_RATE] = levelled.roll_rate_rad_s
+        values[:, TICK_PITCH_RATE] = (1.0 - share) * levelled.pitch_rate_rad_s
+        values[:, TICK_ROLL_VARIANCE] = levelled.roll_sigma_rad**2
+        values[:, TICK_PITCH_VARIANCE] = (1.0 - share) ** 2 * (levelled.pitch_sigma_rad**2 + own)
+        values[:, TICK_PITCH_VARIANCE] += guided * guess.pitch_variance_rad2
+        values[:, TICK_STILL] = np.where(still, np.where(wheels_ok, 2.0, 1.0), 0.0)
+        values[:, TICK_FORCE] = share * (force - guess.rest_m_s2)
+        values[:, TICK_SPEED_WALK] = np.where(guided, guess.walk_m2_s3 + noise * s.tick_s, 0.0)
+        values[:, TICK_SPEED_WALK] += blocks.shock[here] * s.shock_speed_m_s**2 / s.tick_s
+        values[:, TICK_SLIP_VARIANCE] = slip
         self.watch.doubt(blocks.t_ns[here], (doubt == 1.0) & wheels_ok & ~still)
-        values[:, 10] = np.where(guided | still, guess.rest_variance_m2_s4, 0.0)
+        values[:, TICK_REST_VARIANCE] = np.where(guided | still, guess.rest_variance_m2_s4, 0.0)
         return self._tilt_held(values)
 
     def _tilt_held(self, values: Float64Array) -> Float64Array:

@@ -25,6 +25,7 @@ def slip_variance(blocks: Blocks, settings: EgoMotionSettings) -> tuple[Float64A
     width = 2 * round(_HALF_S / settings.tick_s) + 1
 
     def mean(values: Float64Array) -> Float64Array:
+        """Return the (N,) running mean of values over the blocks where both are known."""
         share = uniform_filter1d(known, width)
         total = uniform_filter1d(known * values, width)
         return np.asarray(total / np.maximum(share, 1.0 / width), np.float64)

@@ -173,6 +173,7 @@ def vibration_level(blocks: Blocks, half: int) -> Float64Array:
     share = uniform_filter1d(some, width, mode="constant")
 
     def mean(values: Float64Array) -> Float64Array:
+        """Return the (N,) running mean over the blocks with samples; NaN where most have none."""
         total = uniform_filter1d(values * some, width, mode="constant")
         result: Float64Array = np.full(len(total), np.nan)
         np.divide(total, share, out=result, where=share > 0.5)

@@ -30,8 +30,19 @@ GYRO, WHEELS, VIBRATION, POSE, TICK = range(5)
 #   WHEELS     speed, variance, yaw rate, variance, believed (1) or not (0)
 #   VIBRATION  speed, variance
 #   POSE       row of the table of poses
-#   TICK       roll, pitch, roll rate, pitch rate, roll variance, pitch variance, still (0, 1, 2),
-#              acceleration along x, further walk of the speed (variance per second), seconds since
-#              the tick, variance of the force at rest (above 0: the acceleration refers to it),
-#              variance of the slip
+#   TICK       see below
 COLUMNS = 12
+
+# Columns of a TICK row, held until the next one: the levelled tilt (rad, rad/s, rad^2);
+TICK_ROLL, TICK_PITCH, TICK_ROLL_RATE, TICK_PITCH_RATE = range(4)
+TICK_ROLL_VARIANCE, TICK_PITCH_VARIANCE = 4, 5
+# whether the rover stands: 0 it does not, 1 the vibration says so, 2 the wheels as well;
+TICK_STILL = 6
+# acceleration along x (m/s^2), and what more the speed walks by ((m/s)^2/s);
+TICK_FORCE, TICK_SPEED_WALK = 7, 8
+# seconds since the tick, of a state that is not at one;
+TICK_SINCE_S = 9
+# variance of the force at rest ((m/s^2)^2), above 0 where TICK_FORCE refers to a rest;
+TICK_REST_VARIANCE = 10
+# variance of the slip.
+TICK_SLIP_VARIANCE = 11

@@ -9,8 +9,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from acquisition.commands.console import OK, Console
-from mapping.odometry_commands import add_comparison_arguments
+from acquisition.commands.console import OK, Console, show
+from mapping.judging.trajectory_command import add_comparison_arguments, compare_trajectories
 
 if TYPE_CHECKING:
     from mapping.cells.elevation_map import ElevationMap
@@ -47,7 +47,6 @@ def run_evaluate(options: argparse.Namespace, console: Console) -> int:
     """Compare a map with the truth or with a flat floor, or two trajectories."""
     from mapping.errors import MappingError
     from mapping.judging.floor_evaluation import evaluate_floor, read_box
-    from mapping.odometry_commands import compare_trajectories
     from mapping.output.map_file import read_map
 
     if options.subject[0] == "odometry":
@@ -69,10 +68,7 @@ def run_evaluate(options: argparse.Namespace, console: Console) -> int:
         )
     box = read_box(options.box) if options.box else None
     scores = evaluate_floor(map_, options.floor_height_m, box)
-    if options.json:
-        console.json(scores.as_json())
-    else:
-        console.lines(scores.lines())
+    show(console, scores, as_json=options.json)
     return OK
 
 
@@ -102,5 +98,5 @@ def _evaluate_truth(map_: ElevationMap, options: argparse.Namespace, console: Co
     if options.json:
         console.json({**scores.as_json(), "origin": origin.as_json()})
     else:
-        console.lines([origin.line(), *scores.lines()])
+        console.lines([origin.line(), *scores.describe()])
     return OK

@@ -109,7 +109,7 @@ class Scores(Parts):
             for name, part in self.relative.items()
         }
 
-    def lines(self) -> list[str]:
+    def describe(self) -> list[str]:
         """Return the scores as lines of text."""
         return [*table(self.rows()), f"completeness {100.0 * self.completeness:.1f} %"]
 
@@ -147,19 +147,14 @@ def evaluate(
     counted = counted_cells(map_, states) & has_truth
     step_m = EDGE_STEP_PER_CELL * map_.resolution_m if edge_step_m is None else edge_step_m
     edge = edge_cells(truth, step_m)
-    if not (counted & ~edge).any():
-        raise MappingError(
-            "no confirmed cell of the map has a true height beside it; check that map and truth "
-            "are in the same frame and overlap"
-        )
-    error = map_.elevation_m - truth
-    sigma = map_.sigma_m.astype(np.float64)
-    slope = slope_rad(truth, map_.resolution_m)
     smooth = counted & ~edge
-    unconfirmed = (map_.state == CellState.UNCONFIRMED) & has_truth
-    visible_cells = has_truth if visible is None else visible & has_truth
+    _require_some(smooth)
+    error, sigma = map_.elevation_m - truth, map_.sigma_m.astype(np.float64)
+    slope = slope_rad(truth, map_.resolution_m)
     ranges = None if range_m is None else range_m[counted]
     here = _parts(error[counted], sigma[counted], slope[counted], ranges, edge[counted])
+    unconfirmed = (map_.state == CellState.UNCONFIRMED) & has_truth
+    visible_cells = has_truth if visible is None else visible & has_truth
     return Scores(
         **{name: getattr(here, name) for name in Parts.__dataclass_fields__},
         completeness=_share(counted & visible_cells, visible_cells, visible_outside),
@@ -203,6 +198,7 @@ def _parts(
 def _accuracies(
     error_m: Float64Array, sigma_m: Float64Array, parts: Mapping[str, BoolArray]
 ) -> dict[str, Accuracy]:
+    """Return the numbers of each part, given as its mask over the (N,) errors."""
     return {name: accuracy(error_m[cells], sigma_m[cells]) for name, cells in parts.items()}
 
 
@@ -239,6 +235,11 @@ def _steps(heights_m: Float64Array, axis: int) -> Float64Array:
 def _checked(
     map_: ElevationMap, truth_m: NDArray[np.floating], visible: BoolArray | None
 ) -> Float64Array:
+    """Return the truth as float64, NaN for all that is not finite.
+
+    Raises:
+        MappingError: truth or mask have another shape than the map.
+    """
     for what, array in (("truth", truth_m), ("visible mask", visible)):
         if array is not None and array.shape != map_.state.shape:
             raise MappingError(
@@ -248,6 +249,20 @@ def _checked(
     return np.where(np.isfinite(truth_m), truth_m, np.nan).astype(np.float64)
 
 
+def _require_some(smooth: BoolArray) -> None:
+    """Refuse a map without a cell to judge.
+
+    Raises:
+        MappingError: no cell is confirmed, has a truth and is no edge.
+    """
+    if not smooth.any():
+        raise MappingError(
+            "no confirmed cell of the map has a true height beside it; check that map and truth "
+            "are in the same frame and overlap"
+        )
+
+
 def _share(found: BoolArray, visible: BoolArray, outside: float) -> float:
+    """Return found cells over visible ones, `outside` more of which lie beyond the map."""
     total = np.count_nonzero(visible) + outside
     return float(np.count_nonzero(found) / total) if total else float("nan")

@@ -136,7 +136,7 @@ class FloorScores:
             "box_top_true_m": finite_or_none(self.box_top_true_m),
         }
 
-    def lines(self) -> list[str]:
+    def describe(self) -> list[str]:
         """Return the scores as lines of text."""
         heading = (
             f"{'floor':<16}{'cells':>9}{'median':>10}{'MAD sig':>10}{'1 sig':>8}{'3 sig':>8}"

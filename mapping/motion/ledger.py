@@ -24,8 +24,6 @@ Float64Array = NDArray[np.float64]
 SUM_XX, SUM_XY, SUM_YY, SUM_XYAW, SUM_YYAW, SUM_YAW, SUM_ZZ, SUM_M = range(8)
 
 _FIRST_ROWS = 1024
-# Rows and columns of the first seven sums in a covariance of (x, y, z, yaw).
-_ENTRIES = (np.array([0, 0, 1, 0, 1, 3, 2]), np.array([0, 1, 1, 3, 3, 3, 2]))
 
 
 class Motions(NamedTuple):
@@ -79,15 +77,19 @@ class MotionLedger:
         _check(motion)
         x, y = float(motion.position_m[0]), float(motion.position_m[1])
         anchor_x, anchor_y = self._anchor or (x, y)
-        sums = np.zeros(8)
-        sums[SUM_M] = motion.distance_m
+        # A motion comes with every frame: numbers this few are sooner handled one by one.
+        sums = [0.0] * 7
         if self._with_covariance:
             covariance, was_clipped = clip_to_psd(motion.covariance)
             self.clipped += was_clipped
             to_anchor = to_terrain_axes(motion.yaw_rad)
             to_anchor[:2, 3] = y - anchor_y, anchor_x - x
-            sums[:SUM_M] = (to_anchor @ covariance @ to_anchor.T)[_ENTRIES]
-        if sums.any():
+            (xx, xy, _, x_yaw), (_, yy, _, y_yaw), (_, _, zz, _), (_, _, _, yaw) = (
+                to_anchor @ covariance @ to_anchor.T
+            ).tolist()
+            sums = [xx, xy, yy, x_yaw, y_yaw, yaw, zz]
+        sums.append(motion.distance_m)
+        if any(sums):
             self._anchor = anchor_x, anchor_y
             self._append(self._sums[self._now] + sums)
 
@@ -100,7 +102,8 @@ class MotionLedger:
 
 def _check(motion: RelativeMotion) -> None:
     # A sum is finite only where all of its terms are.
-    total = float(motion.covariance.sum() + motion.position_m.sum()) + motion.yaw_rad
+    total = sum(motion.covariance.ravel().tolist()) + sum(motion.position_m.tolist())
+    total += motion.yaw_rad
     if not (math.isfinite(total) and 0.0 <= motion.distance_m < math.inf):
         raise MappingError(
             f"motion that ends at {motion.t_ns} ns has a number that is not finite, or a negative "

@@ -5,9 +5,9 @@ R~ is the body turned upright: x, y, z and yaw. C = C_TR~, e = e_z, dr = displac
 
 from __future__ import annotations
 
-import contextlib
 import math
 from dataclasses import dataclass
+from operator import mul
 from typing import NamedTuple
 
 import numpy as np
@@ -74,14 +74,30 @@ def relative_covariance(
 def clip_to_psd(matrix: Float64Array) -> Clipped:
     """Return a symmetric matrix with its negative eigenvalues set to 0."""
     symmetric = 0.5 * (matrix + matrix.T)
-    with contextlib.suppress(np.linalg.LinAlgError):
-        # Only a positive definite matrix has a root; finding that takes half the time.
-        np.linalg.cholesky(symmetric)
+    if _has_root(symmetric.tolist()):
         return Clipped(symmetric, was_clipped=False)
     values, vectors = np.linalg.eigh(symmetric)
     if values[0] >= -_ROUNDING * abs(values[-1]):
         return Clipped(symmetric, was_clipped=False)
     return Clipped((vectors * np.maximum(values, 0.0)) @ vectors.T, was_clipped=True)
+
+
+def _has_root(rows: list[list[float]]) -> bool:
+    """Tell whether Cholesky's algorithm comes through: so for positive definite matrices alone.
+
+    In plain Python: of so few numbers that takes a fraction of the time of a call into LAPACK.
+    """
+    root: list[list[float]] = []
+    for i, row in enumerate(rows):
+        line: list[float] = []
+        for j, above in enumerate(root):
+            line.append((row[j] - sum(map(mul, line, above))) / above[j])
+        pivot = row[i] - sum(map(mul, line, line))
+        if not pivot > 0.0:
+            return False
+        line.append(math.sqrt(pivot))
+        root.append(line)
+    return True
 
 
 def yaw_of(transform: RigidTransform) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mapping.geometry import UncertainPose
+from mapping.motion.known_frames import Keys
 from mapping.motion.read_out import Rover, standing
 from mapping.motion.repeats import Rest
 
@@ -20,6 +21,7 @@ class RunState:
         told: T_TB at the end of the last motion that was told; None where none ever is.
         slid_rad: by how much the map was found to have slid against gravity.
         rest: where the camera was at its last frame, and since how many; None before the first.
+        frames: keys of the depth frames that were dealt with; None where nobody keeps them.
     """
 
     rover: Rover
@@ -27,6 +29,7 @@ class RunState:
     told: UncertainPose | None
     slid_rad: float
     rest: Rest | None = None
+    frames: Keys | None = None
 
 
 def fresh_run() -> RunState:

@@ -56,23 +56,9 @@ def geotiff(map_: ElevationMap) -> bytes:
     from rasterio import Affine
     from rasterio.io import MemoryFile
 
-    layers, fused = derive(map_), fuse_map(map_)
-    bands = {
-        "elevation": ("m", map_.elevation_m),
-        "sigma": ("m", map_.sigma_m),
-        "lower": ("m", map_.lower_m),
-        "upper": ("m", map_.upper_m),
-        "state": ("1", map_.state.astype(np.float32)),
-        "slope": ("rad", layers.slope_rad),
-        "roughness": ("m", layers.roughness_m),
-        "step": ("m", layers.step_m),
-        "traversability": ("1", layers.traversability),
-        "fused_elevation": ("m", fused.elevation_m),
-        "fused_sigma": ("m", np.sqrt(fused.variance_m2)),
-        "fused_lower": ("m", fused.lower_m),
-        "fused_upper": ("m", fused.upper_m),
-    }
+    bands = _bands(map_)
     edge_m, half_m = map_.resolution_m, 0.5 * map_.resolution_m
+    left_m, top_m = map_.x_m[0] - half_m, map_.y_m[-1] + half_m
     rows, columns = map_.state.shape
     with MemoryFile() as memory:
         with memory.open(
@@ -83,9 +69,7 @@ def geotiff(map_: ElevationMap) -> bytes:
             dtype="float32",
             nodata=np.nan,
             crs=_LOCAL_CRS,
-            transform=Affine(
-                edge_m, 0.0, map_.x_m[0] - half_m, 0.0, -edge_m, map_.y_m[-1] + half_m
-            ),
+            transform=Affine(edge_m, 0.0, left_m, 0.0, -edge_m, top_m),
             compress="deflate",
             predictor=3,
         ) as file:
@@ -100,6 +84,26 @@ def geotiff(map_: ElevationMap) -> bytes:
             )
         content: bytes = memory.read()
     return content
+
+
+def _bands(map_: ElevationMap) -> dict[str, tuple[str, NDArray[np.floating]]]:
+    """Return unit and layer (rows, columns), row 0 = smallest y, of each band of a GeoTIFF."""
+    layers, fused = derive(map_), fuse_map(map_)
+    return {
+        "elevation": ("m", map_.elevation_m),
+        "sigma": ("m", map_.sigma_m),
+        "lower": ("m", map_.lower_m),
+        "upper": ("m", map_.upper_m),
+        "state": ("1", map_.state.astype(np.float32)),
+        "slope": ("rad", layers.slope_rad),
+        "roughness": ("m", layers.roughness_m),
+        "step": ("m", layers.step_m),
+        "traversability": ("1", layers.traversability),
+        "fused_elevation": ("m", fused.elevation_m),
+        "fused_sigma": ("m", np.sqrt(fused.variance_m2)),
+        "fused_lower": ("m", fused.lower_m),
+        "fused_upper": ("m", fused.upper_m),
+    }
 
 
 def ply(map_: ElevationMap) -> bytes:

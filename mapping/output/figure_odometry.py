@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from scipy.stats import chi2
 
 from mapping.files import make_folder, write_whole
-from mapping.judging.odometry import OdometryScores
+from mapping.judging.odometry_scores import OdometryScores
 from mapping.output.figure_profile import BLUE, ORANGE
 from mapping.output.figures import png_bytes
 

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from mapping.cells.elevation_map import CellState, ElevationMap
+from mapping.judging.evaluation import CONFIRMED
 from mapping.session import MapResult
 from mapping.settings import MapSettings
 from mapping.stored_settings import flat
@@ -20,8 +21,8 @@ class MapSummary:
         x_m, y_m: first and last cell centre.
         resolution_m: edge of a cell.
         cells: number of cells for each state but "unknown".
-        height_m: smallest and largest height of confirmed cells; zeros without any.
-        sigma_median_m: median sigma of confirmed cells; 0 without any.
+        height_m: smallest and largest height of confirmed cells; None without any.
+        sigma_median_m: median sigma of confirmed cells; None without any.
         sha256: of the map's arrays.
         attributes: how the map was made.
     """
@@ -30,8 +31,8 @@ class MapSummary:
     y_m: tuple[float, float]
     resolution_m: float
     cells: dict[str, int]
-    height_m: tuple[float, float]
-    sigma_median_m: float
+    height_m: tuple[float, float] | None
+    sigma_median_m: float | None
     sha256: str
     attributes: dict[str, str | int | float]
 
@@ -53,10 +54,12 @@ class MapSummary:
         """Return size, heights and checksum, without how the map was made."""
         cells = ", ".join(f"{count} {name}" for name, count in self.cells.items())
         size_x, size_y = (high - low + self.resolution_m for low, high in (self.x_m, self.y_m))
-        heights = (
-            f"  heights {self.height_m[0]:.3f} to {self.height_m[1]:.3f} m, "
-            f"median sigma {1000 * self.sigma_median_m:.1f} mm"
-        )
+        heights = "  no height is confirmed"
+        if self.height_m is not None and self.sigma_median_m is not None:
+            heights = (
+                f"  heights {self.height_m[0]:.3f} to {self.height_m[1]:.3f} m, "
+                f"median sigma {1000 * self.sigma_median_m:.1f} mm"
+            )
         return [
             f"  {size_x:.2f} m x {size_y:.2f} m at {self.resolution_m} m; cells: {cells}",
             heights,
@@ -96,10 +99,10 @@ class RunSummary:
 
 def summarise(map_: ElevationMap) -> MapSummary:
     """Return what a map holds."""
-    confirmed = np.isin(map_.state, (CellState.MEASURED, CellState.UNCERTAIN))
+    confirmed = np.isin(map_.state, CONFIRMED)
     heights = map_.elevation_m[confirmed]
-    extremes = (float(heights.min()), float(heights.max())) if heights.size else (0.0, 0.0)
-    sigma = float(np.median(map_.sigma_m[confirmed])) if heights.size else 0.0
+    extremes = (float(heights.min()), float(heights.max())) if heights.size else None
+    sigma = float(np.median(map_.sigma_m[confirmed])) if heights.size else None
     return MapSummary(
         x_m=(float(map_.x_m[0]), float(map_.x_m[-1])),
         y_m=(float(map_.y_m[0]), float(map_.y_m[-1])),
@@ -133,6 +136,19 @@ def _warnings(result: MapResult) -> list[str]:
     lines += result.inertial.warnings if result.inertial is not None else ()
     if report.unprotected_messages:
         lines.append(f"{report.unprotected_messages} messages have no checksum")
+    lines += _about_cameras(result)
+    if not np.isin(result.map.state, CONFIRMED).any():
+        wanted = result.settings
+        lines.append(
+            f"no cell is confirmed, which takes {wanted.confirmed_frames} frames and "
+            f"{wanted.confirmed_pixels} readings of it, after {counts.frames} frames: no height of "
+            "this map is to be relied on"
+        )
+    if counts.frames_known:
+        lines.append(
+            f"{counts.frames_known} depth frames were in the world already and are not counted "
+            f"again; {counts.frames} are new"
+        )
     if counts.frames_without_pose:
         lines.append(_without_pose(counts.frames_without_pose, result.settings))
     if counts.misfits:
@@ -154,6 +170,34 @@ def _warnings(result: MapResult) -> list[str]:
         )
     if counts.poses_out_of_order:
         lines.append(f"{counts.poses_out_of_order} poses came out of order and were not used")
+    return lines
+
+
+def _about_cameras(result: MapResult) -> list[str]:
+    """Say what speaks against all depth frames being of one camera in one place."""
+    lines = []
+    each = "map the recording of each camera by itself, into one --world with --continue"
+    if len(result.depth_devices) > 1:
+        names = ", ".join(f"{d.model} {d.serial}".strip() for d in result.depth_devices)
+        lines.append(
+            f"the recording has {len(result.depth_devices)} depth cameras ({names}), mapped with "
+            f"one mount and one noise model; {each}"
+        )
+    if result.counts.camera_changes:
+        lines.append(
+            f"the depth camera's intrinsics changed {result.counts.camera_changes} times; every "
+            f"frame is mapped with its own, all with one mount; if it is not one camera, {each}"
+        )
+    if result.counts.mounts_replaced:
+        lines.append(
+            f"{result.counts.mounts_replaced} mounts of /tf_static were given again with other "
+            "numbers; the later ones count from where they stand in the recording"
+        )
+    others = {name: n for name, n in result.report.skipped.items() if "depth" in name}
+    lines += [
+        f"{number} messages of {name} are not mapped; depth is read from /depth/image alone"
+        for name, number in others.items()
+    ]
     return lines
 
 

@@ -80,11 +80,15 @@ class PaperMapper(Mapper):
         seen, frames, pixels = seen[box], cells.frames[box], cells.pixels[box]
         unknown = ~seen[..., np.newaxis, np.newaxis]
         covariance = np.where(unknown, np.nan, cells.covariance_m2[box]).astype(np.float32)
-        variance = covariance[..., 2, 2]
+        # An array of its own for each: numba compiles once more for views with steps.
+        xx, xy, yy, variance = (
+            np.ascontiguousarray(covariance[..., row, column])
+            for row, column in ((0, 0), (0, 1), (1, 1), (2, 2))
+        )
         places: dict[str, Any] = {
-            "horizontal_xx_m2": covariance[..., 0, 0],
-            "horizontal_xy_m2": covariance[..., 0, 1],
-            "horizontal_yy_m2": covariance[..., 1, 1],
+            "horizontal_xx_m2": xx,
+            "horizontal_xy_m2": xy,
+            "horizontal_yy_m2": yy,
         }
         nothing: Any = np.where(seen, np.float32(0.0), np.float32(np.nan))
         few = (frames < self.settings.confirmed_frames) | (pixels < self.settings.confirmed_pixels)

@@ -2,15 +2,14 @@
 
 `run.json` says which save the world is at, where the rover was then and what its poses were worth;
 it is replaced as a whole. `motions.f64` has the motions' sums (`mapping.motion.ledger`) without
-their row of zeros: eight little-endian float64 a row. Rows are only ever added: those that
-`run.json` does not count yet belong to a save that was not finished.
+their row of zeros, `frames.i64` the depth frames (`mapping.motion.known_frames`): eight
+little-endian float64 a row, and two int64. Rows are only ever added: those that `run.json` does
+not count yet belong to a save that was not finished.
 """
 
 from __future__ import annotations
 
 import json
-import os
-import zlib
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,17 +20,17 @@ from numpy.typing import NDArray
 from acquisition.files import replacing
 from mapping.errors import MappingError
 from mapping.geometry import RigidTransform, UncertainPose
+from mapping.motion.known_frames import Keys
 from mapping.motion.ledger import Motions
 from mapping.motion.pose_errors import PoseErrorModel
 from mapping.motion.read_out import Rover
 from mapping.motion.repeats import Rest
 from mapping.motion.run_state import RunState
+from mapping.world.row_file import RowCount, RowFile
 
 Float64Array = NDArray[np.float64]
 
-RUN_FILE, MOTIONS_FILE = "run.json", "motions.f64"
-_COLUMNS = 8
-_ROW_BYTES = 8 * _COLUMNS
+RUN_FILE, MOTIONS_FILE, FRAMES_FILE = "run.json", "motions.f64", "frames.i64"
 
 
 class SavedRun(NamedTuple):
@@ -42,7 +41,7 @@ class SavedRun(NamedTuple):
 
 
 class RunFile:
-    """Reads and writes both files.
+    """Reads and writes the three files.
 
     Args:
         folder: the world's.
@@ -50,7 +49,8 @@ class RunFile:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._rows = self._checksum = 0
+        self._motions = RowFile(folder / MOTIONS_FILE, "<f8", 8)
+        self._frames = RowFile(folder / FRAMES_FILE, "<i8", 2)
 
     def read(self) -> SavedRun:
         """Return what was last written.
@@ -61,13 +61,14 @@ class RunFile:
         try:
             text = (self._folder / RUN_FILE).read_text(encoding="utf-8")
             found = json.loads(text)
-            sums = self._sums(found["rows"], found["rows_crc32"])
-            saved = SavedRun(int(found["save"]), _run_of(found, sums))
+            rows = self._motions.read(RowCount(int(found["rows"]), int(found["rows_crc32"])))
+            sums = np.concatenate([np.zeros((1, 8)), rows])
+            saved = SavedRun(int(found["save"]), _run_of(found, sums, self._keys(found)))
         except (OSError, LookupError, ValueError, TypeError) as error:
             raise MappingError(
                 f"what the world {self._folder} says of its run is damaged "
-                f"({type(error).__name__}: {error}); take {RUN_FILE} and {MOTIONS_FILE} from a "
-                "backup, or map its recordings into a new world"
+                f"({type(error).__name__}: {error}); take {RUN_FILE}, {MOTIONS_FILE} and "
+                f"{FRAMES_FILE} from a backup, or map its recordings into a new world"
             ) from error
         return saved
 
@@ -77,14 +78,12 @@ class RunFile:
         Raises:
             OSError, StreamError: it cannot be written; all stays as it was.
         """
-        motions = saved.run.rover.motions
-        rows = np.ascontiguousarray(motions.sums[self._rows + 1 : motions.now + 1], "<f8").tobytes()
-        checksum = zlib.crc32(rows, self._checksum)
-        self._append(rows)
+        motions, keys = saved.run.rover.motions, saved.run.frames
+        rows = self._motions.append(motions.sums[self._motions.count.rows + 1 : motions.now + 1])
         content = {
             "save": saved.save,
-            "rows": motions.now,
-            "rows_crc32": checksum,
+            "rows": rows.rows,
+            "rows_crc32": rows.crc32,
             "anchor_m": [motions.anchor_x_m, motions.anchor_y_m],
             "place_m": [saved.run.rover.x_m, saved.run.rover.y_m],
             "pose_errors": asdict(saved.run.rover.pose_errors),
@@ -93,30 +92,24 @@ class RunFile:
             "slid_rad": saved.run.slid_rad,
             "rest": _rest_as_json(saved.run.rest),
         }
+        frames = self._frames.count
+        if keys is not None:
+            frames = self._frames.append(keys[frames.rows :])
+            content |= {"frames": frames.rows, "frames_crc32": frames.crc32}
         with replacing(self._folder / RUN_FILE) as temporary:
             temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        self._rows, self._checksum = motions.now, checksum
+        self._motions.count, self._frames.count = rows, frames
 
-    def _append(self, rows: bytes) -> None:
-        """Put rows behind those that count."""
-        with (self._folder / MOTIONS_FILE).open("ab") as file:
-            file.truncate(self._rows * _ROW_BYTES)
-            file.write(rows)
-            file.flush()
-            os.fsync(file.fileno())
-
-    def _sums(self, rows: int, checksum: int) -> Float64Array:
-        """Return the sums with their row of zeros.
+    def _keys(self, found: dict[str, Any]) -> Keys | None:
+        """Return the frames; None in a world of before they were kept.
 
         Raises:
-            OSError, ValueError: they cannot be read, or are not those that were written.
+            OSError, ValueError, LookupError: they are there and not those that were written.
         """
-        content = (self._folder / MOTIONS_FILE).read_bytes()[: rows * _ROW_BYTES]
-        if zlib.crc32(content) != checksum:
-            raise ValueError(f"{MOTIONS_FILE} does not have the {rows} rows that were written")
-        self._rows, self._checksum = rows, checksum
-        known = np.frombuffer(content, "<f8").reshape(rows, _COLUMNS)
-        return np.concatenate([np.zeros((1, _COLUMNS)), known])
+        if "frames" not in found:
+            return None
+        keys = self._frames.read(RowCount(int(found["frames"]), int(found["frames_crc32"])))
+        return np.asarray(keys, np.int64)
 
 
 def unfinished(folder: Path) -> list[Path]:
@@ -124,7 +117,7 @@ def unfinished(folder: Path) -> list[Path]:
     return list(folder.glob(f".{Path(RUN_FILE).stem}.*.part.json"))
 
 
-def _run_of(found: dict[str, Any], sums: Float64Array) -> RunState:
+def _run_of(found: dict[str, Any], sums: Float64Array, keys: Keys | None) -> RunState:
     anchor_x_m, anchor_y_m = map(float, found["anchor_m"])
     x_m, y_m = map(float, found["place_m"])
     motions = Motions(sums, len(sums) - 1, anchor_x_m, anchor_y_m)
@@ -132,7 +125,7 @@ def _run_of(found: dict[str, Any], sums: Float64Array) -> RunState:
     pose, told = _pose_of(found["pose"]), _pose_of(found["told"])
     # Worlds of before the camera's rest was kept have none.
     rest = _rest_of(found.get("rest"))
-    return RunState(rover, pose, told, float(found["slid_rad"]), rest)
+    return RunState(rover, pose, told, float(found["slid_rad"]), rest, keys)
 
 
 def _as_json(pose: UncertainPose | None) -> dict[str, Any] | None:

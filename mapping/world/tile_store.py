@@ -12,6 +12,7 @@ import json
 import shutil
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -20,16 +21,25 @@ from acquisition.errors import StreamError
 from acquisition.files import check_target
 from mapping.cells.cell_layers import CellLayers
 from mapping.errors import MappingError
+from mapping.motion.known_frames import no_keys
 from mapping.motion.run_state import RunState, fresh_run
 from mapping.world.failures import no_world, reason, unreadable, unwritable
 from mapping.world.planes import plane_names
-from mapping.world.run_file import MOTIONS_FILE, RUN_FILE, RunFile, SavedRun, unfinished
+from mapping.world.run_file import (
+    FRAMES_FILE,
+    MOTIONS_FILE,
+    RUN_FILE,
+    RunFile,
+    SavedRun,
+    unfinished,
+)
 from mapping.world.tile_array import ARRAY_FILE, ORIGIN_CELL, TileArray, load_zarr
 from mapping.world.tiles import Tile
 from mapping.world.writer_lock import LOCK_FILE, locked
 
 _FORMAT = 2
 _STAGED = ("staged.0", "staged.1")
+_RUN_FILES = (RUN_FILE, MOTIONS_FILE, FRAMES_FILE)
 _ABOUT = "terravibe_world"
 
 
@@ -250,7 +260,7 @@ def _furnish(path: Path, about: Mapping[str, object]) -> None:
         for name in _STAGED:
             shutil.rmtree(path / name, ignore_errors=True)
             TileArray.make(path / name, {})
-        RunFile(path).write(SavedRun(0, fresh_run()))
+        RunFile(path).write(SavedRun(0, replace(fresh_run(), frames=no_keys())))
         TileArray.make(path, {_ABOUT: attributes})
     except (OSError, StreamError) as error:
         raise MappingError(
@@ -262,7 +272,7 @@ def _furnish(path: Path, about: Mapping[str, object]) -> None:
 def _check_empty(path: Path) -> None:
     """Refuse a folder with anything in it, but for what is left of a world that was never begun."""
     names = {item.name for item in path.iterdir() if item not in unfinished(path)} - {LOCK_FILE}
-    if ARRAY_FILE in names or not names <= {*_STAGED, RUN_FILE, MOTIONS_FILE}:
+    if ARRAY_FILE in names or not names <= {*_STAGED, *_RUN_FILES}:
         raise MappingError(
             f"{path} is not empty; give --continue to add to the world in it, or a new name"
         )
@@ -274,7 +284,7 @@ def _remove(path: Path, *, folder_too: bool) -> None:
         (path / ARRAY_FILE).unlink(missing_ok=True)
         for name in _STAGED:
             shutil.rmtree(path / name, ignore_errors=True)
-        for file in [path / RUN_FILE, path / MOTIONS_FILE, path / LOCK_FILE, *unfinished(path)]:
+        for file in [*(path / name for name in (*_RUN_FILES, LOCK_FILE)), *unfinished(path)]:
             file.unlink(missing_ok=True)
         if folder_too and not any(path.iterdir()):
             path.rmdir()

@@ -46,7 +46,7 @@ def check_continues(store: TileStore, settings: MapSettings) -> None:
     Poses of another source have errors of another kind, and mostly another terrain frame.
 
     Raises:
-        MappingError: the world's cells or poses are others.
+        MappingError: the world's cells or poses are others, or it does not know its frames.
     """
     known = settings_of(store)
     if known.resolution_m != settings.resolution_m:
@@ -58,6 +58,11 @@ def check_continues(store: TileStore, settings: MapSettings) -> None:
         raise MappingError(
             f"the world {store.path} was made with poses of {known.pose_source}, the settings ask "
             f"for {settings.pose_source}; give --pose-source {known.pose_source}, or a new world"
+        )
+    if store.run.frames is None:
+        raise MappingError(
+            f"the world {store.path} does not say which depth frames it holds: it was made before "
+            "that was noted; map its recordings into a new world"
         )
 
 
@@ -102,7 +107,20 @@ def _read(store: TileStore, window_m: Sequence[float] | None) -> ElevationMap:
     layers = empty_layers(extent.cells_y, extent.cells_x)
     for tile, inside, outside in shares(extent):
         copy_cells(store.read(tile), inside, layers, outside)
+    if not layers.frames.any():
+        raise MappingError(_nothing_seen(store, settings.resolution_m))
     return read_out(_Block(extent, layers), settings, _attributes(store.about), store.run.rover)
+
+
+def _nothing_seen(store: TileStore, cell_size_m: float) -> str:
+    """Say that a window is beside all that was seen, and where that is."""
+    whole = _all_of(store)
+    x_m, y_m = whole.first_x * cell_size_m, whole.first_y * cell_size_m
+    return (
+        f"the world {store.path} has seen nothing in the window; its tiles reach from "
+        f"{x_m:g} {y_m:g} to {x_m + whole.cells_x * cell_size_m:g} "
+        f"{y_m + whole.cells_y * cell_size_m:g} m: give a --window there, or none"
+    )
 
 
 def settings_of(store: TileStore) -> MapSettings:

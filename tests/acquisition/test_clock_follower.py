@@ -23,9 +23,9 @@ from acquisition.recording.recorder import Recorder
 from acquisition.stream.writer import StreamWriter
 from drivers.samples import DepthFrame, VibrationSample
 from drivers.source import SourceInfo, TickCounter
-from tests.acquisition.test_recorder import QUICK, SecondsClock, of_type, output, read
 from tests.fakes.clocks import DeviceMessages, kinect
 from tests.fakes.device_samples import vibration
+from tests.fakes.recorder_runs import QUICK, SecondsClock, of_type, output, read
 from tests.fakes.recordings import START_NS, depth_frame
 from tests.fakes.scripted_source import ScriptedSource
 

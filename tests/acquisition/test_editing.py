@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
@@ -19,7 +20,9 @@ from acquisition.editing.cut_and_merge import CUT_METADATA_NAME, MERGE_METADATA_
 from acquisition.errors import StreamError
 from acquisition.inspection import check
 from acquisition.messages.frames import StaticTransforms
+from acquisition.recovery.recover import recover
 from acquisition.stream.byte_source import FinishedFile
+from acquisition.stream.parts import PART_NAME
 from acquisition.stream.reader import StreamReader
 from tests.fakes.damage import Told, content, replaced, unpacked
 from tests.fakes.recordings import START_NS, clock_sample, pose, recording, samples
@@ -144,12 +147,16 @@ def test_a_cut_holds_what_lies_in_the_range(
         ({"end_s": float("nan")}, "expected a number"),
         ({"topics": ["/none", "/mocap/pose"]}, "has no topic /none; it has /acceleration, "),
         ({"topics": ["/clock"], "start_ns": START_NS}, "no message"),
+        # Nothing but transforms, which are repeated and were not asked for.
+        ({"start_ns": START_NS + 1, "end_ns": START_NS + 2}, "no message"),
+        ({"topics": ["/mocap/pose"], "start_s": 0.991}, "no message"),
     ],
 )
 def test_a_cut_that_gives_nothing_is_refused(
     options: dict[str, Any], reason: str, tmp_path: Path
 ) -> None:
-    (path,) = written(tmp_path, DATA if "topics" not in options else _without_transforms())
+    data = _without_transforms() if options.get("topics") == ["/clock"] else DATA
+    (path,) = written(tmp_path, data)
     output = tmp_path / "cut.mcap"
     with pytest.raises(StreamError, match=reason):
         cut(path, output, **options)
@@ -233,6 +240,63 @@ def test_hosts_and_boots_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert report.messages["/tf_static"] == 2
 
 
+def test_what_is_given_twice_is_told(path: Path, tmp_path: Path) -> None:
+    output, copied = tmp_path / "all.mcap", tmp_path / "copied.mcap"
+    copied.write_bytes(DATA)
+    (note,) = merge([path, copied], output).notes
+    assert note.startswith("363 messages are in several of the recordings, and now several times")
+    assert json.loads(metadata(output)[MERGE_METADATA_NAME]["notes"]) == [note]
+    assert len(said(output)) == 2 * 363
+    for number, end_s in ((0, 0.5), (1, 0.6)):  # the second begins where the first ends, or before
+        cut(path, tmp_path / "front.mcap", end_s=end_s)
+        cut(path, tmp_path / "rest.mcap", start_s=0.5)
+        report = merge([tmp_path / "front.mcap", tmp_path / "rest.mcap"], output)
+        assert len(report.notes) == number
+
+
+def part(number: int, folder: Path) -> Path:
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start()
+    writer.add_metadata(PART_NAME, {"recording": "ab", "part": str(number)})
+    writer.add_message(writer.register_channel("/t", "json", 0), number, b"{}", number)
+    writer.finish()
+    (folder / "r").mkdir(exist_ok=True)
+    (path,) = written(folder / "r", stream.getvalue())
+    return path.rename(path.with_name(f"r_{number:03d}.mcap"))
+
+
+def test_missing_parts_are_told_and_a_merge_of_parts_has_them(tmp_path: Path) -> None:
+    first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
+    parts = [part(number, tmp_path) for number in range(8)]
+    told = "of recording ab these parts are missing: "
+    assert merge(parts[5:2:-1], first).notes == ()
+    assert merge([parts[1], first, parts[7]], second).notes == (told + "_002, _006",)
+    assert merge([parts[0], parts[4]], second).notes == (told + "_001 to _003",)
+
+
+def test_a_name_that_is_no_text_is_written_as_one(path: Path, tmp_path: Path) -> None:
+    odd = path.rename(path.with_name(os.fsdecode(b"a\xff.mcap")))
+    one, other, output = (tmp_path / f"{name}.mcap" for name in "123")
+    cut(odd, one, end_s=0.5)
+    recover(odd, other)
+    assert metadata(one)[CUT_METADATA_NAME]["source"] == "a\\xff.mcap"
+    merge([one, odd, other], output)
+    assert "a\\\\xff.mcap" in metadata(output)[MERGE_METADATA_NAME]["inputs"]
+
+
+def test_metadata_of_files_of_one_name_stay_apart(tmp_path: Path) -> None:
+    paths: list[Path] = []
+    for number in range(3):
+        (tmp_path / str(number)).mkdir()
+        paths += written(tmp_path / str(number), recording([pose(number, START_NS + number)]))
+        paths[-1].write_bytes(paths[-1].read_bytes().replace(b"rate_hz", b"rate_h%d" % number))
+    merge(paths, tmp_path / "all.mcap")
+    kept = set(metadata(tmp_path / "all.mcap"))
+    names = {"terravibe", "terravibe (a.mcap)", "terravibe (a.mcap, 2)"}
+    assert kept == {*names, MERGE_METADATA_NAME}
+
+
 def test_attachments_are_kept(tmp_path: Path) -> None:
     paths = list(
         written(tmp_path, foreign([1], attachment=b"one"), foreign([2], attachment=b"two"))
@@ -255,6 +319,13 @@ def test_attachments_are_kept(tmp_path: Path) -> None:
         (foreign([1], use_statistics=False), "has no index; recover it first"),
         (replaced(DATA, content(DATA)[3][0] + 200, bytes(40)), "recover it first"),
         (foreign([1], attachment=b"hello").replace(b"hello", b"hullo"), "attachment checksum"),
+        (b"", "holds nothing; expected an MCAP recording"),
+        (DATA[:5], "holds only 5 bytes; expected an MCAP recording"),
+        (DATA[:8], "too short to have an end"),
+        # A bit of the summary, by which every message would change its type.
+        (replaced(DATA, DATA.rindex(b"/msg/Imu"), b"/msg/Ieu"), "checksum of the summary differs"),
+        # The length of the first chunk's data.
+        (replaced(DATA, content(DATA)[0][0] + 9 + 28 + 8 + 5, b"\x40"), "recover it first"),
     ],
 )
 def test_what_cannot_be_merged_is_refused(other: bytes, reason: str, tmp_path: Path) -> None:
@@ -277,3 +348,6 @@ def test_names_are_checked(path: Path, tmp_path: Path) -> None:
         merge([path, tmp_path / "none.mcap"], output)
     with pytest.raises(StreamError, match=r"cannot read .*: Is a directory"):
         cut(tmp_path, output)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(StreamError, match=r"cannot read .*pipe: it is no ordinary file"):
+        cut(tmp_path / "pipe", output)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from acquisition.errors import StreamError
 from acquisition.files import check_folder, refuse_same_file, replacing
+from acquisition.stream.output import StreamOutput
+from tests.acquisition.test_stream_writer import files_may_grow_to
 
 
 def test_the_file_appears_when_it_is_complete(tmp_path: Path) -> None:
@@ -20,6 +23,39 @@ def test_the_file_appears_when_it_is_complete(tmp_path: Path) -> None:
         assert target.read_text() == "old"
     assert target.read_text() == "new"
     assert list(tmp_path.iterdir()) == [target]
+
+
+def write_a_stream(path: Path) -> None:
+    output = StreamOutput(path)
+    try:
+        output.write(bytes(100))
+    finally:
+        output.close()
+
+
+def write_as_libraries_do(path: Path) -> None:
+    path.write_bytes(bytes(100))
+
+
+@pytest.mark.parametrize("write", [write_a_stream, write_as_libraries_do])
+def test_a_full_disk_is_told_by_the_name_that_was_given(
+    tmp_path: Path, write: Callable[[Path], None]
+) -> None:
+    target = tmp_path / "run.mcap"
+    told = f"cannot write {target}: File too large; make room, or write to another disk"
+    with (
+        files_may_grow_to(50),
+        pytest.raises(StreamError, match=f"^{told}$"),
+        replacing(target) as temporary,
+    ):
+        write(temporary)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_error_tells_the_hidden_name(tmp_path: Path) -> None:
+    target = tmp_path / "run"
+    with pytest.raises(StreamError, match=r"^cannot write .*/run$"), replacing(target) as temporary:
+        raise StreamError(f"cannot write {temporary}")
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 from acquisition.errors import StreamError
 from acquisition.inspection import check, inspect
@@ -43,7 +45,8 @@ def test_a_summary_tells_rates_gaps_and_sizes(tmp_path: Path) -> None:
     assert topic.size_bytes == 99 * len(codec.encode(pose(0))[0].cdr)
     assert summary.duration_s == pytest.approx(1.0)
     assert summary.size_bytes == (tmp_path / "r.mcap").stat().st_size
-    assert any("/mocap/pose" in line and "100.00 Hz" in line for line in summary.describe())
+    lines = [line for line in summary.describe() if line.startswith("  /")]
+    assert "  /mocap/pose     99 100.00 0.030 36.8  PoseWithCovarianceStamped" in lines
 
 
 def test_a_summary_is_json(tmp_path: Path) -> None:
@@ -57,6 +60,23 @@ def test_a_summary_is_json(tmp_path: Path) -> None:
     lines = summary.describe()
     assert any(line.startswith("damaged: ") for line in lines)
     assert any("no proper end" in line for line in lines)
+
+
+def test_a_summary_fits_a_terminal_over_ssh(tmp_path: Path) -> None:
+    lines = inspect(file_of(tmp_path, recording(samples(0.3)))).describe()[1:]
+    assert max(map(len, lines)) <= 79
+    assert not any("\n" in line for line in lines)
+    (settings,) = [line for line in lines if "settings = " in line]
+    assert settings.endswith('{"rate_hz": 30}')
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start()
+    writer.add_metadata("rosbag2", {"serialized_metadata": "version: 5\n" * 50})
+    writer.finish()
+    (line,) = inspect(file_of(tmp_path, stream.getvalue())).describe()[1:]
+    assert line.startswith("  rosbag2: serialized_metadata = version: 5 ver")
+    assert line.endswith("... (549 characters; see --json)")
+    assert len(line) == 79
 
 
 def test_an_empty_recording_has_a_summary(tmp_path: Path) -> None:

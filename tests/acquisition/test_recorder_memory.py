@@ -11,7 +11,7 @@ from threading import Event
 import pytest
 
 from acquisition.recording.recorder import Recorder
-from tests.acquisition.test_recorder import (
+from tests.fakes.recorder_runs import (
     QUICK,
     SecondsClock,
     accelerations,

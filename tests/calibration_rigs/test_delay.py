@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from acquisition.importing import record_all
 from calibration_rigs.errors import RigError
 from calibration_rigs.static_rig.delay import YawRate, relative_delay
 from calibration_rigs.static_rig.delay_session import DelayCalibration
+from calibration_rigs.static_rig.gaps import Gap
 from drivers.samples import PoseSample, Sample, WheelTwistSample, YawRateSample, frozen_array
 from drivers.source import SourceInfo
 from mapping.ego_motion.settings import EgoMotionSettings
@@ -101,8 +103,34 @@ def test_what_says_nothing_is_refused() -> None:
         relative_delay(a, late)
 
 
-def _recorded(path: Path, gyro_s: float, wheels_s: float) -> Path:
-    """Record poses, a gyro and wheels whose stamps are late by so much."""
+@pytest.mark.parametrize("where", ["reference", "other"])
+def test_a_gap_does_not_bias_the_delay(where: str) -> None:
+    """Drawn through it, 0.5 s of the 15 shift the delay by up to 9 ms."""
+    a, b = _pair(0.02, 5, noise=0.05)
+    holed = [
+        YawRate(r.t_s[keep], r.rate_rad_s[keep])
+        for r in (a, b)
+        for keep in [(r.t_s < 7.0) | (r.t_s > 7.5)]
+    ]
+    found = relative_delay(holed[0], b) if where == "reference" else relative_delay(a, holed[1])
+    assert abs(found.delay_s - 0.02) < min(3.5 * found.sigma_s, 1e-3)
+    whole = relative_delay(a, b)
+    assert 0.5 < whole.duration_s - found.duration_s < 2.0
+    assert found.correlation == pytest.approx(whole.correlation, abs=0.01)
+
+
+def test_what_gaps_leave_must_be_enough() -> None:
+    a, b = _pair(0.02, 3)
+    keep = (a.t_s < 5.0) | (a.t_s > 9.0)
+    with pytest.raises(RigError, match=r"overlap for 15\.0 s, 5\.3 s of it at gaps; expected at"):
+        relative_delay(YawRate(a.t_s[keep], a.rate_rad_s[keep]), b)
+
+
+def _recorded(path: Path, gyro_s: float, wheels_s: float, silent_s: float = 0.0) -> Path:
+    """Record poses, a gyro and wheels whose stamps are late by so much.
+
+    Poses and gyro are silent for so long, from 7 and 8 s on.
+    """
     t_s = np.arange(0.0, 16.0, 0.01)
     stamp = [START_NS + round(1e9 * t) for t in t_s]
     still = frozen_array(np.zeros((6, 6)), (6, 6))
@@ -116,6 +144,9 @@ def _recorded(path: Path, gyro_s: float, wheels_s: float) -> Path:
         samples.append(
             WheelTwistSample(stamp[2 * k] + 2_000_000, 0.0, float(rate), 0.01, 0.01, None, None, k)
         )
+    for kind, from_s in ((PoseSample, 7.0), (YawRateSample, 8.0)):
+        first, last = (START_NS + round(1e9 * t) for t in (from_s, from_s + silent_s))
+        samples = [s for s in samples if not (isinstance(s, kind) and first < s.t_ns < last)]
     samples.sort(key=lambda sample: sample.t_ns)
     record_all(_Rover(samples), path, static_transforms=[], settings={})
     return path
@@ -143,14 +174,29 @@ def test_the_file_is_what_ego_motion_takes(
     assert section["wheels_delay_s"] == pytest.approx(0.019, abs=3e-4)
 
 
-def test_a_sensor_that_is_early_gets_a_warning_and_no_line(
+def test_an_early_sensor_and_gaps_get_warnings_and_the_early_one_no_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    recording = _recorded(tmp_path / "turns.mcap", -0.015, 0.020)
+    recording = _recorded(tmp_path / "turns.mcap", -0.015, 0.020, silent_s=0.4)
     output = tmp_path / "delay.toml"
     assert cli.main(["calibrate", "delay", str(recording), "-o", str(output)]) == 0
-    assert "warning: gyro is earlier than the reference" in capsys.readouterr().out
-    assert set(tomllib.loads(output.read_text())["map"]["ego_motion"]) == {"wheels_delay_s"}
+    told = capsys.readouterr().out
+    assert "warning: gyro is earlier than the reference" in told
+    line = r"warning: {} has no samples for 0\.4\d s, {}\.\d\d s after the first; what lies around"
+    assert re.search(line.format("mocap", "[67]"), told)
+    assert re.search(line.format("gyro", "[78]"), told)
+    assert "wheels has" not in told
+    assert "# gyro has no samples for 0.4" in output.read_text()
+    section = tomllib.loads(output.read_text())["map"]["ego_motion"]
+    assert set(section) == {"wheels_delay_s"}
+    assert section["wheels_delay_s"] == pytest.approx(0.022, abs=3e-4)
+
+
+def test_gaps_are_numbers_in_json() -> None:
+    found = DelayCalibration("gyro", 0.0, {}, "turns.mcap", {"gyro": (Gap(1.0, 3.0),)})
+    assert json.loads(json.dumps(found.as_json()))["gaps"] == {
+        "gyro": [{"begin_s": 1.0, "end_s": 3.0}]
+    }
 
 
 @pytest.mark.parametrize("late_ms", ["nan", "1e9", "late"])

@@ -15,9 +15,15 @@ from acquisition.importing import record_all
 from acquisition.messages.frames import DEPTH_OPTICAL_FRAME, StaticTransform
 from acquisition.stream.writer import StreamWriter
 from calibration_rigs.errors import RigError
-from calibration_rigs.mount_rig.camera import CameraMount, calibrate_camera
+from calibration_rigs.mount_rig.camera import (
+    MOUNT_KEYS,
+    TABLE,
+    CameraMount,
+    calibrate_camera,
+)
 from calibration_rigs.mount_rig.floor import find_floor
 from calibration_rigs.mount_rig.track import calibrate_track
+from calibration_rigs.rover_block import check_block_target
 from drivers.samples import DepthFrame, WheelTwistSample, YawRateSample, frozen_array
 from drivers.source import SourceInfo
 from mapping.geometry import RigidTransform
@@ -139,6 +145,18 @@ def test_one_turn_gives_no_sigma_and_wrong_angles_are_refused() -> None:
         calibrate_track([], [math.pi])
 
 
+@pytest.mark.parametrize(("first", "last"), [(150, 190), (90, 130)])
+def test_a_turn_with_wheel_speeds_missing_is_refused(first: int, last: int) -> None:
+    """Within the turn, or over its beginning."""
+    twists = _twists([0.55, 0.55], [math.pi, math.pi])
+    whole = calibrate_track(twists[:60] + twists[90:], [math.pi, math.pi])  # missing at rest
+    assert whole.track_m.value == pytest.approx(0.55, rel=2e-3)
+    with pytest.raises(RigError, match=r"turn 1 has no wheel speeds for 0\.82 s; expected"):
+        calibrate_track(twists[:first] + twists[last:], [math.pi, math.pi])
+    with pytest.raises(RigError, match=r"3 turns .*; the wheels have no samples for 1\.22 s"):
+        calibrate_track(twists[:150] + twists[210:], [math.pi, math.pi])
+
+
 def _gyro(angles_rad: list[float], bias_rad_s: float = 0.02) -> list[YawRateSample]:
     """Return what a gyro sees of the turns of `_twists`, its axis down, at 50 Hz."""
     wheels = _twists([1.0] * len(angles_rad), angles_rad)
@@ -208,6 +226,7 @@ def test_the_command_writes_a_block_that_rover_toml_takes(
     rover = tmp_path / "rover.toml"
     rover.write_text(output.read_text())
     assert cli.main(["config", "show", str(rover)]) == 0
+    check_block_target(output, TABLE, MOUNT_KEYS)  # it may be made anew
 
 
 def test_a_recording_without_turns_is_one_line(

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from calibration_rigs.errors import RigError
-from calibration_rigs.plate_rig.cell import CellResult, analyse
+from calibration_rigs.plate_rig.cell import analyse
+from calibration_rigs.plate_rig.cell_result import CellResult
 from calibration_rigs.plate_rig.frames import CellFrames
 from calibration_rigs.plate_rig.manifest import CellEntry, Rig
 from drivers.samples import CameraIntrinsics

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import random
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from drivers.vibration.decode import FrameDecoder
 from drivers.vibration.profile_tables import ValueField, VibrationProfile
@@ -24,6 +24,11 @@ def frame_of(
     for field in profile.field:
         for offset, value in zip(field.offsets, raw.get(field.name, ()), strict=False):
             field.struct.pack_into(frame, offset, value)
+    return _finished(profile, frame)
+
+
+def _finished(profile: VibrationProfile, frame: bytearray) -> bytes:
+    """Return the frame with a time that a clock can show, and its checksum."""
     for part in profile.clock.part if profile.clock else ():
         if part.max is not None:
             told = int(part.struct.unpack_from(frame, part.offset)[0])
@@ -47,17 +52,23 @@ def random_frames(profile: VibrationProfile, rng: random.Random, count: int) -> 
     """Return correct frames, no two of them alike."""
     frames: dict[bytes, None] = {}
     decoder = FrameDecoder(profile)
-    limits = {field.name: _limits(field) for field in profile.field}
+    places = [place for field in profile.field for place in _places(field)]
+    length, sync = profile.frame.shortest, profile.frame.sync
     while len(frames) < count:
-        raw = {
-            field.name: tuple(rng.randint(*limits[field.name]) for _ in field.offsets)
-            for field in profile.field
-        }
-        frame = frame_of(profile, raw, rng.randbytes(profile.frame.shortest))
+        content = bytearray(sync + rng.randbytes(length)[len(sync) :])
+        for pack_into, offset, low, span in places:
+            pack_into(content, offset, low + int(span * rng.random()))
+        frame = _finished(profile, content)
         if rng.random() < 0.2:
             frame = _with_sync_inside(profile, decoder, frame, rng)
         frames[frame] = None
     return list(frames)
+
+
+def _places(field: ValueField) -> list[tuple[Callable[..., None], int, int, int]]:
+    """Return how and where each value of a field is packed, the lowest, and how many there are."""
+    low, high = _limits(field)
+    return [(field.struct.pack_into, offset, low, high - low + 1) for offset in field.offsets]
 
 
 def _with_sync_inside(

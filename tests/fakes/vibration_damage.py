@@ -103,7 +103,8 @@ def damaged_stream(
     kind: str = "mixed",
 ) -> DamagedStream:
     """Damage `share` of the frames in one of the ways of `DAMAGE`."""
-    bench, damage = _Bench(profile.frame.sync, random_frames(profile, rng, 1000), rng), DAMAGE[kind]
+    decoys = random_frames(profile, rng, min(len(frames), 1000))
+    bench, damage = _Bench(profile.frame.sync, decoys, rng), DAMAGE[kind]
     data = bytearray()
     ends: dict[bytes, int] = {}
     for frame in frames:

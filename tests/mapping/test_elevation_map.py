@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapping.cells.elevation_map import CellState, ElevationMap, read_out
 from mapping.cells.grid import CellWindow, Grid, GrowingGrid, ScrollingGrid
+from mapping.cells.relief_kernels import surrounding_relief
 from mapping.errors import MappingError
 from mapping.settings import MapSettings
 from tests.mapping.maps import hilly_map
@@ -116,11 +117,42 @@ def test_a_cell_of_few_readings_has_its_height_from_around_it() -> None:
         grid.layers.pixels[:] = 1000 * readings
         return read_out(grid, settings, {}).relief_m2.astype(np.float64)
 
-    slope = relief(10**6)  # what is left without the sparse cell's part
-    np.testing.assert_allclose(relief(10) - slope, (relief(2) - slope) / 25.0, rtol=1e-3)
-    # min(2, 2 / n^2) times the variance around a plane, which is here that of the heights.
-    assert np.median(relief(1)) == pytest.approx(2e-6, rel=0.5)
-    assert np.median(relief(2)) == pytest.approx(0.5e-6, rel=0.5)
+    rest = relief(10**6)  # what is left without the sparse cell's part
+    np.testing.assert_allclose(relief(10) - rest, (relief(2) - rest) / 25.0, rtol=1e-3)
+    # 1 / n^2 times the variance around a plane, which is here that of the heights.
+    assert np.median(relief(1) - rest) == pytest.approx(1e-6, rel=0.4)
+    assert np.median(relief(2) - rest) == pytest.approx(0.25e-6, rel=0.4)
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "above", "below", "share"),
+    [
+        (10_000, 40_000, 10_000, 10_000, 0.28125),  # (3 / 2)^2 / 4 = g^2, and half of that
+        (40_000, 10_000, 10_000, 10_000, 0.28125),
+        (10_000, 10_000, 40_000, 10_000, 0.28125),
+        (40_000, 10_000, 10_000, 40_000, 0.5625),
+        (40_000, 40_000, 90_000, 90_000, 0.0),  # alike on both sides
+        (4, 10**9, 10_000, 10_000, 2.0),  # a neighbour's height, and no worse
+    ],
+)
+def test_a_cell_of_uneven_readings_has_its_height_from_the_denser_side(
+    left: int, right: int, above: int, below: int, share: float
+) -> None:
+    height = np.random.default_rng(1).normal(0.0, 0.001, (7, 7))
+    grid = _filled(height, variance_m2=1e-12, frames=4, first=(0, 0))
+    settings = replace(SETTINGS, relief_share=0.0, relief_frames=0.0)
+    grid.layers.pixels[grid.layers.frames > 0] = 10_000
+    even = read_out(grid, settings, {}).relief_m2[3, 3]
+    row, column = grid.position(CellWindow(3, 3, 1, 1))
+    for (down, across), pixels in zip(
+        ((0, -1), (0, 1), (-1, 0), (1, 0)), (left, right, above, below), strict=True
+    ):
+        grid.layers.pixels[row + down, column + across] = pixels
+    around = np.empty(height.shape, np.float32)
+    everywhere = np.ones(height.shape, np.bool_)
+    surrounding_relief(height, np.full(height.shape, 1e-12, np.float32), everywhere, around)
+    found = read_out(grid, settings, {}).relief_m2[3, 3] - even
+    assert found == pytest.approx(share * around[3, 3], rel=1e-3, abs=1e-12)
 
 
 def test_the_bounds_of_a_cell_hold_what_stands_up_in_it() -> None:

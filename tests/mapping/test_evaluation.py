@@ -55,7 +55,7 @@ def test_json_has_the_promised_keys_and_is_plain() -> None:
 
 
 def test_lines_hold_every_class() -> None:
-    lines = evaluate(hilly_map(), np.zeros((30, 40))).lines()
+    lines = evaluate(hilly_map(), np.zeros((30, 40))).describe()
     assert lines[0].split()[:3] == ["cells", "RMSE", "NMAD"]
     assert any(line.startswith("slope 0-5 deg") for line in lines)
     assert any(line.startswith("sigma >=30 mm") for line in lines)

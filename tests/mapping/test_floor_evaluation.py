@@ -58,7 +58,7 @@ def test_states_and_sigma_classes_have_rows_of_their_own() -> None:
     assert cells == {"confirmed": 2, "measured": 1, "sigma 0-2 mm": 1, "sigma 15-30 mm": 1}
     assert scores.floor["confirmed"].coverage_1sigma == 0.5
     assert scores.floor["confirmed"].coverage_3sigma == 1.0
-    lines = evaluate_floor(_room(), 0.0, BOX).lines()
+    lines = evaluate_floor(_room(), 0.0, BOX).describe()
     assert lines[2].split()[:4] == ["confirmed", "1795", "3.00", "0.00"]
     assert lines[-1].startswith("box top: median 0.5100 m in 264 cells, true 0.5000 m")
 

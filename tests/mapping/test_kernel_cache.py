@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import zlib
+from pathlib import Path
+
 from mapping import kernel_cache
+from mapping.ego_motion import filter_kernels, filter_motion, filter_types, filter_updates, states
 
 
 def test_everything_is_compiled_beforehand_and_then_known_to_be() -> None:
@@ -11,3 +15,11 @@ def test_everything_is_compiled_beforehand_and_then_known_to_be() -> None:
     assert [name for name, kernel in kernels.items() if not kernel.signatures] == []
     assert kernel_cache.kernels_are_cached()
     assert kernel_cache.filter_is_cached()
+
+
+def test_the_filter_is_compiled_anew_when_its_parts_change() -> None:
+    parts = (filter_motion, filter_types, filter_updates, states)
+    content = b"".join(Path(str(part.__file__)).read_bytes() for part in parts)
+    assert zlib.crc32(content) == filter_kernels.PARTS_CRC32, (
+        f"the filter's parts have changed: let PARTS_CRC32 be 0x{zlib.crc32(content):08X}"
+    )

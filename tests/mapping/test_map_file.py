@@ -230,7 +230,9 @@ def test_a_full_disk_leaves_the_old_map_and_no_remains(path: Path) -> None:
     assert signal.getsignal(signal.SIGXFSZ) == signal.SIG_IGN  # Python's own choice
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
-        with pytest.raises(MappingError, match=r"cannot write .*map\.nc: File too large; give"):
+        with pytest.raises(
+            MappingError, match=r"cannot write .*map\.nc: File too large; make room"
+        ):
             write_map(hilly_map(), path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)

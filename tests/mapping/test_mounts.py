@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from acquisition.messages.frames import StaticTransform
 from drivers.samples import frozen_array
 from mapping.errors import MappingError
+from mapping.mapper_counts import MapperCounts
 from mapping.mounts import MountTree
 
 
@@ -31,13 +32,19 @@ def test_a_chain_is_followed_in_both_directions_in_any_order() -> None:
     np.testing.assert_allclose(back.rotation, np.eye(3), atol=1e-12)
 
 
-def test_a_later_transform_replaces_an_earlier_one() -> None:
-    tree = MountTree()
+def test_a_later_transform_replaces_an_earlier_one_and_is_counted_if_it_differs() -> None:
+    counts = MapperCounts()
+    tree = MountTree(counts)
     tree.add([_transform("body", "camera", 1.0), _transform("body", "camera", 2.0)])
     assert tree.lookup("body", "camera").translation_m[0] == 2.0
     assert tree.lookup("camera", "body").translation_m[0] == -2.0
     tree.add([_transform("camera", "body", -3.0)])
     assert tree.lookup("body", "camera").translation_m[0] == 3.0
+    assert counts.mounts_replaced == 2
+    tree.add([_transform("body", "camera", 3.0), _transform("camera", "body", -3.0)])
+    assert counts.mounts_replaced == 2
+    tree.add([_transform("body", "camera", 3.0, 1.0)])
+    assert counts.mounts_replaced == 3
 
 
 def test_a_frame_is_in_itself_without_any_transform() -> None:

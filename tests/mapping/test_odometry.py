@@ -16,7 +16,8 @@ from drivers.samples import AccelerationSample, PoseSample, WheelTwistSample, Ya
 from drivers.source import SourceInfo
 from mapping.errors import MappingError
 from mapping.geometry import Float64Array, RigidTransform, UncertainPose
-from mapping.judging.odometry import Alignment, evaluate_odometry, relative_errors, yaw_errors
+from mapping.judging.odometry import evaluate_odometry, relative_errors, yaw_errors
+from mapping.judging.odometry_scores import Alignment
 from mapping.judging.trajectory import Path3D, read_path, write_path
 from mapping.output.figure_odometry import write_odometry_figures
 from tests.mapping.ego_motion.drives import START_NS, Drive

@@ -135,8 +135,8 @@ def test_scores_hold_the_promised_parts() -> None:
         assert sum(row["cells"] for row in part["by_range"].values()) == part["cells"]
         assert {"by_slope", "edges"} <= part.keys()
     assert list(found["relative"]) == ["when_seen", "at_end"]
-    assert any(line.startswith("rover when seen ") for line in scores.lines())
-    assert any(line.startswith("range 1-1.5 m ") for line in scores.lines())
+    assert any(line.startswith("rover when seen ") for line in scores.describe())
+    assert any(line.startswith("range 1-1.5 m ") for line in scores.describe())
 
 
 def test_bars_show_slope_and_range() -> None:

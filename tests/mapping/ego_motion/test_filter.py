@@ -8,13 +8,23 @@ import numpy as np
 import pytest
 
 from mapping.ego_motion.ego_motion import EgoMotion
-from mapping.ego_motion.filter import filter_constants
 from mapping.ego_motion.filter_kernels import run
+from mapping.ego_motion.filter_start import filter_constants
 from mapping.ego_motion.filter_types import Rows, States
 from mapping.ego_motion.history import empty_states
 from mapping.ego_motion.relative import positive
 from mapping.ego_motion.settings import EgoMotionSettings
-from mapping.ego_motion.states import COLUMNS, FORCE_ERROR, PITCH_ERROR, ROLL_ERROR, SIZE
+from mapping.ego_motion.states import (
+    COLUMNS,
+    FORCE_ERROR,
+    PITCH_ERROR,
+    ROLL_ERROR,
+    SIZE,
+    TICK_PITCH_RATE,
+    TICK_ROLL,
+    TICK_ROLL_RATE,
+    TICK_SPEED_WALK,
+)
 from mapping.errors import MappingError
 from mapping.geometry import Float64Array, RigidTransform
 from tests.mapping.ego_motion.drives import START_NS, Drive, replay
@@ -57,12 +67,12 @@ def test_the_derivative_of_a_step_is_that_of_its_motion(rest_variance: float) ->
 
 def test_a_changing_pitch_turns_a_rolled_rover() -> None:
     held = np.zeros(COLUMNS)
-    held[0], held[3], held[8] = 0.2, 0.1, 0.1
+    held[TICK_ROLL], held[TICK_PITCH_RATE], held[TICK_SPEED_WALK] = 0.2, 0.1, 0.1
     end, phi = moved(np.zeros(SIZE), held, 0.01)
     # psi' = p' tan r at p = 0 and no rate about the body's z.
     assert end[3] == pytest.approx(0.1 * np.tan(0.2) * 0.01, rel=1e-4)
     assert phi[3, ROLL_ERROR] == pytest.approx(-0.1 / np.cos(0.2) ** 2 * 0.01, rel=1e-4)
-    held[2], held[3] = 0.1, 0.0
+    held[TICK_ROLL_RATE], held[TICK_PITCH_RATE] = 0.1, 0.0
     _, phi = moved(np.zeros(SIZE), held, 0.01)
     # By parts: the rate of the pitch's error becomes the change of tan r times that error.
     assert phi[3, PITCH_ERROR] == pytest.approx(0.1 / np.cos(0.2) ** 2 * 0.01, rel=0.01)

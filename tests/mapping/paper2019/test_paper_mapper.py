@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -103,6 +105,15 @@ def test_its_map_says_what_it_is() -> None:
     assert map_.attributes["method"] == "paper2019"
     assert all(fault in str(map_.attributes["method_faults"]) for fault in FAULTS)
     assert "\n" not in describe_faults()
+
+
+def test_its_arrays_are_those_that_the_kernels_are_compiled_for_beforehand() -> None:
+    """numba compiles once more, for seconds and without a word, for a view with steps."""
+    map_ = _map(PaperMapper(SETTINGS, NOISE), 1, np.zeros((6, 6)))
+    layers = {item.name: getattr(map_, item.name) for item in fields(map_)}
+    floats = {name: a for name, a in layers.items() if getattr(a, "dtype", None) == np.float32}
+    assert len(floats) >= 8
+    assert [name for name, layer in floats.items() if not layer.flags.c_contiguous] == []
 
 
 def test_states_follow_the_same_limits() -> None:

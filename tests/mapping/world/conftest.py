@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import threading
 from collections.abc import Iterator
 
@@ -14,7 +13,6 @@ from zarr.core.sync import cleanup_resources
 def zarr_stops() -> Iterator[None]:
     yield
     cleanup_resources()
-    gc.collect()
     for thread in threading.enumerate():
         if thread.name.startswith("asyncio_"):
             thread.join(5.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ from mapping.motion.pose_errors import RELATIVE, PoseErrorModel
 from mapping.motion.relative import RelativeMotion
 from mapping.noise import KINECT_V1
 from mapping.settings import MapSettings
-from mapping.world.run_file import MOTIONS_FILE, RUN_FILE
+from mapping.world.run_file import FRAMES_FILE, MOTIONS_FILE, RUN_FILE
 from mapping.world.tile_store import TileStore
 from mapping.world.world_grid import WorldGrid
 from mapping.world.world_map import about_world, check_continues, read_world
@@ -142,6 +143,7 @@ def _crash_after(steps: int) -> Iterator[None]:
 def test_after_crashes_the_frames_that_are_not_in_it_make_the_same_world(
     drive: tuple[Way, ElevationMap], tmp_path: Path
 ) -> None:
+    """Found poses: the whole recording again each time. Told motions: the rest, told once."""
     way, once = drive
     way.create(tmp_path / "w").close()
     crashes = 0
@@ -150,10 +152,14 @@ def test_after_crashes_the_frames_that_are_not_in_it_make_the_same_world(
             last = store.run.pose.t_ns // 100_000_000 if store.run.pose else 0
             with _crash_after(steps):
                 try:
-                    way.map(store, range(last + 1, FRAMES))
+                    counts = way.map(store, range(last + 1 if way.errors else 1, FRAMES)).counts
                 except _Crash:
                     crashes += 1
     assert crashes >= 3
+    assert last > 3
+    if way.errors is None:
+        assert counts.frames_known >= last
+        assert counts.frames_known + counts.frames + counts.misfits == FRAMES - 1
     assert read_world(tmp_path / "w").sha256() == once.sha256()
 
 
@@ -165,7 +171,28 @@ def test_a_world_is_not_continued_with_poses_of_another_source(tmp_path: Path) -
         check_continues(store, ALIGNED_SETTINGS)
 
 
-@pytest.mark.parametrize(("name", "keep"), [(RUN_FILE, 0.5), (MOTIONS_FILE, 0.9), (RUN_FILE, 0.0)])
+def test_a_world_that_does_not_know_its_frames_is_read_and_not_gone_on_with(
+    tmp_path: Path,
+) -> None:
+    way = WAYS["told"]
+    with way.create(tmp_path / "w") as store:
+        way.map(store, range(1, 4))
+    before = read_world(tmp_path / "w").sha256()
+    run = json.loads((tmp_path / "w" / RUN_FILE).read_text())
+    assert run.pop("frames") == 3
+    (tmp_path / "w" / RUN_FILE).write_text(json.dumps(run))
+    (tmp_path / "w" / FRAMES_FILE).unlink()
+    with (
+        TileStore.reopen(tmp_path / "w") as store,
+        pytest.raises(MappingError, match=r"does not say which depth frames it holds: .* new worl"),
+    ):
+        check_continues(store, way.settings)
+    assert read_world(tmp_path / "w").sha256() == before
+
+
+@pytest.mark.parametrize(
+    ("name", "keep"), [(RUN_FILE, 0.5), (MOTIONS_FILE, 0.9), (RUN_FILE, 0.0), (FRAMES_FILE, 0.5)]
+)
 def test_a_damaged_run_is_said(tmp_path: Path, name: str, keep: float) -> None:
     with WAYS["told"].create(tmp_path / "w") as store:
         WAYS["told"].map(store, range(1, 4))

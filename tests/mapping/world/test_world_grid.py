@@ -285,6 +285,10 @@ def test_a_window_of_a_world_is_an_ordinary_map(tmp_path: Path) -> None:
     whole = read_world(tmp_path / "w")
     assert whole.x_m[-1] - whole.x_m[0] > 6.0
     assert whole.attributes["setting_window_m"] == 5.0
+    with pytest.raises(
+        MappingError, match=r"nothing in the window; its tiles reach from -?\d.* m: "
+    ):
+        read_world(tmp_path / "w", (500.0, 500.0, 501.0, 501.0))
     part = read_world(tmp_path / "w", (1.0, -0.5, 2.0, 0.5))
     assert 0.9 < part.x_m[-1] - part.x_m[0] <= 1.0
     columns = np.searchsorted(whole.x_m, part.x_m - 1e-9)
@@ -298,7 +302,7 @@ def test_a_window_of_a_world_is_an_ordinary_map(tmp_path: Path) -> None:
         ((1.0, 0.0, 0.0, 1.0), "expected x_min y_min x_max y_max in metres"),
         ((0.0, 0.0, float("nan"), 1.0), "expected x_min y_min x_max y_max in metres"),
         ((-1e5, -1e5, 1e5, 1e5), "the window needs .* MB, the limit is 4096 MB; give a smaller"),
-        ((500.0, 500.0, 501.0, 501.0), "no depth reading reached the map"),
+        ((500.0, 500.0, 501.0, 501.0), "is empty; map something into it first"),
         (None, "is empty; map something into it first"),
     ],
 )
