@@ -212,9 +212,15 @@ def _shadowed_room() -> str:
 def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `terravibe demo`."""
     out = Path("terravibe-demo")
-    parser.add_argument("--out", type=Path, default=out, metavar="DIR", help=f"({out})")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything (1)")
-    parser.add_argument("--seconds", type=float, default=15.0, metavar="S", help="in all (15)")
+    parser.add_argument(
+        "--out", type=Path, default=out, metavar="DIR", help=f"all goes there ({out})"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="of all that is random (1)"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=15.0, metavar="S", help="length of the run (15)"
+    )
     parser.add_argument("--json", action="store_true", help="print the scores as JSON")
 
 
@@ -258,8 +264,9 @@ def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenario", metavar="SCENARIO", help=names)
     parser.add_argument("-o", "--output", type=product(".mcap"), required=True, metavar="RUN.mcap")
     parser.add_argument("--truth", type=product(".nc"), required=True, metavar="TRUTH.nc")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything (1)")
-    parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="in all (20)")
+    seed = "of all that is random (1)"
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help=seed)
+    parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="length (20)")
     parser.add_argument("--poses", choices=("true", "mocap"), help="instead of the scenario's own")
     parser.add_argument("--json", action="store_true", help="print what was written as JSON")
 

@@ -9,6 +9,13 @@ class TerravibeError(Exception):
     """
 
 
+def reason_of(error: Exception) -> str:
+    """Return why a file could not be read, without the path, which the message has already."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return "it is no text" if isinstance(error, UnicodeDecodeError) else str(error)
+
+
 class DriverError(TerravibeError):
     """A device or a folder of device files cannot be opened, or failed while being read."""
 

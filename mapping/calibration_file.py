@@ -21,6 +21,7 @@ from typing import Annotated, Final, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from drivers.errors import reason_of
 from mapping.errors import MappingError
 from mapping.noise import PRESETS, DepthNoiseModel, constant_noise
 
@@ -253,7 +254,7 @@ def calibration_from_name(text: str) -> Calibration:
         known = ", ".join(PRESETS)
         raise MappingError(
             f"noise model {text!r} is none of {known}, constant:SIGMA_M, and cannot be read as a "
-            f"calibration file ({error})"
+            f"calibration file ({reason_of(error)})"
         ) from error
     return parse_calibration(content, text)
 

@@ -68,7 +68,7 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
         "--idle-timeout-s",
         type=seconds,
         metavar="S",
-        help="with --follow: the longest silence",
+        help="with --follow: end after so long a silence (never)",
     )
     add(
         "--reorder-window-s",
@@ -93,7 +93,8 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     add("--gate-sigma", type=float, metavar="N", help="reject beyond N sigma (3.5)")
     add("--common-correlation-time-s", type=float, metavar="S", help="of pose errors (0.3)")
     add("--pose-gap-max-s", type=float, metavar="S", help="longest pose interpolation (0.2)")
-    add("--pose-source", choices=get_args(PoseSourceName), help="where poses come from (mocap)")
+    sources = get_args(PoseSourceName)
+    add("--pose-source", choices=sources, metavar="SOURCE", help=f"{', '.join(sources)} (mocap)")
     add("--tilt-source", choices=get_args(TiltSource), help="of ego-motion (levelled)")
     add("--trajectory", type=Path, metavar="FILE", help="also write the poses: .mcap, .nc or TUM")
     add("--fill-gaps-up-to-m", type=float, metavar="M", help="fill gaps up to this long (none)")

@@ -15,6 +15,7 @@ from acquisition.recording.source_worker import WorkerSettings
 from acquisition.stream.reader import StreamMessage
 from drivers.source import Source
 from mapping.errors import MappingError
+from mapping.files import make_folder
 from mapping.judging.evaluation import Scores
 from mapping.judging.origin import Origin
 from mapping.judging.truth import Truth, evaluate_truth, read_truth
@@ -104,11 +105,13 @@ def run(
         DriverError, RecorderError, StreamError: the source or the recording failed.
     """
     recording = folder / "run.mcap"
+    make_folder(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         recording.unlink(missing_ok=True)
     except OSError as error:
-        raise MappingError(f"cannot begin anew in {folder}: {error.strerror}") from error
+        raise MappingError(
+            f"cannot begin anew in {folder}: {error.strerror}; give a folder that can be written"
+        ) from error
     start = time.monotonic()
     tell(f"driving; then all devices go to {recording}, which is mapped while it grows")
     plan = RecordingPlan(

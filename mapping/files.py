@@ -29,6 +29,22 @@ def write_whole(path: Path, content: bytes) -> None:
         ) from error
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder for products, and those that it lies in, where they are missing.
+
+    Raises:
+        MappingError: it cannot be made, or a file has that name.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise MappingError(f"{folder} is a file; give the name of a folder") from error
+    except OSError as error:
+        raise MappingError(
+            f"cannot make the folder {folder}: {error.strerror}; give one that can be written"
+        ) from error
+
+
 def read_whole(path: Path) -> bytes:
     """Return the content of a file.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from acquisition.commands.console import OK, Console, prepare_depth_code, show
+from acquisition.commands.console import CHECK_FAILED, OK, Console, prepare_depth_code, show
 
 
 def add_odometry_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,13 +40,14 @@ def add_odometry_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_odometry(options: argparse.Namespace, console: Console) -> int:
-    """Find the trajectory of a recording and write it."""
+    """Find the trajectory of a recording and write it; 1 when parts of it were damaged."""
     from acquisition.files import check_target, refuse_same_file
     from acquisition.stream.byte_source import FinishedFile
     from acquisition.stream.reader import StreamReader
     from mapping.commands import prepare_filter
     from mapping.ego_motion.paper2019 import WARNING
     from mapping.ego_motion.settings import EgoMotionSettings
+    from mapping.errors import MappingError
     from mapping.judging.trajectory import write_path
     from mapping.odometry_session import find_trajectory, with_changes
     from mapping.output.trajectory_summary import summarise_trajectory
@@ -55,6 +56,11 @@ def run_odometry(options: argparse.Namespace, console: Console) -> int:
     settings = with_changes(EgoMotionSettings(), changes)  # refuse them before the long work
     check_target(options.output)
     refuse_same_file(options.recording, options.output)
+    if options.output.suffix == ".mcap":
+        raise MappingError(
+            f"found {options.output}, expected .nc, or another name for a TUM file; `terravibe map "
+            "--trajectory` writes poses as .mcap"
+        )
     if options.method == "filter":
         prepare_filter(console)
     prepare_depth_code(console)
@@ -64,8 +70,9 @@ def run_odometry(options: argparse.Namespace, console: Console) -> int:
         FinishedFile(options.recording) as source,
         console.progress(f"following {options.recording}"),
     ):
+        reader = StreamReader(source)
         result = find_trajectory(
-            StreamReader(source),
+            reader,
             settings,
             method=options.method,
             rate_hz=options.rate_hz,
@@ -74,13 +81,14 @@ def run_odometry(options: argparse.Namespace, console: Console) -> int:
             changes=changes,
         )
     write_path(options.output, result.poses)
-    summary = summarise_trajectory(result, str(options.output))
+    report = reader.report
+    summary = summarise_trajectory(result, str(options.output), report.losses())
     show(console, summary, as_json=options.json)
     if options.method == "filter":
         for note in result.inertial.notes:
             console.note(note)
-    for warning in result.inertial.warnings:
+    for warning in summary.warnings:
         console.note(f"warning: {warning}")
     for event in summary.events:
         console.note(event.describe())
-    return OK
+    return CHECK_FAILED if report.damaged else OK

@@ -231,7 +231,8 @@ def _with_recorded_map(options: MapOptions, section: object) -> MapSettings:
         raise MappingError("window_m is given, but a growing map has none; use a scrolling grid")
     if "tilt_source" in options.given and not settings.pose_source.startswith("ego-motion"):
         raise MappingError(
-            f"tilt_source is given, but poses from {settings.pose_source} have their own tilt"
+            f"tilt_source is given, but poses from {settings.pose_source} have their own tilt; "
+            "leave it out"
         )
     return settings
 

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.errors import reason_of
 from drivers.samples import CameraIntrinsics
 from mapping.calibration_file import DeviceIdentity
 from mapping.errors import MappingError
@@ -97,7 +98,9 @@ def read_undistortion(path: Path) -> Undistortion:
             device = DeviceIdentity(model=str(file["model"]), serial=str(file["serial"]))
         known = np.isfinite(mean_px)
     except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise MappingError(f"cannot read {path}: {error}; expected an undistortion.npz") from error
+        # NumPy takes whatever it does not know for a pickle, and advises to trust it.
+        reason = "no NumPy archive" if "pickle" in str(error) else reason_of(error)
+        raise MappingError(f"cannot read {path}: {reason}; expected an undistortion.npz") from error
     largest = float(np.abs(mean_px[known]).max(initial=0.0))
     if mean_px.ndim != 2 or not focal_baseline > 0.0 or largest > _LARGEST_PX:
         raise MappingError(

@@ -39,7 +39,13 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
         "--preflight misses one; with 2 when recording cannot start."
     )
     add = parser.add_argument
-    add("--config", type=Path, default=Path("rover.toml"), metavar="FILE", help="(rover.toml)")
+    add(
+        "--config",
+        type=Path,
+        default=Path("rover.toml"),
+        metavar="FILE",
+        help="what to record (rover.toml)",
+    )
     add(
         "-o",
         "--output",
@@ -77,12 +83,15 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
 
     from acquisition.clocks.host_clock import HostClock
     from acquisition.config.use import output_of, plan_of, recording_path, sources_of
+    from acquisition.files import check_target
     from acquisition.health.snapshot import as_json
     from acquisition.health.views import totals_of
     from acquisition.recording.recorder import Recorder
     from acquisition.recording.service import ServiceNotifier
 
     clock = HostClock()
+    if options.output and not loaded.config.recording.fallback_folders:
+        check_target(options.output)
     path = options.output or recording_path(loaded, clock.log_time_ns(clock.now_ns()))
     output = output_of(loaded, path)
     sources = sources_of(loaded)
@@ -159,7 +168,7 @@ def add_config_arguments(parser: argparse.ArgumentParser) -> None:
     ):
         action = actions.add_parser(name, help=text, description=text)
         action.add_argument(
-            "file", type=Path, nargs="?", default=Path("rover.toml"), help="(rover.toml)"
+            "file", type=Path, nargs="?", default=Path("rover.toml"), help="its name (rover.toml)"
         )
     text = "print the systemd unit file of the recorder"
     actions.add_parser("unit", help=text, description=text)

@@ -18,7 +18,11 @@ def add_import_arguments(parser: argparse.ArgumentParser) -> None:
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
     tum = kinds.add_parser("tum", help="a folder in the TUM RGB-D layout")
     tum.add_argument(
-        "--depth-scale", type=float, default=5000.0, metavar="COUNTS_PER_M", help="(5000)"
+        "--depth-scale",
+        type=float,
+        default=5000.0,
+        metavar="COUNTS_PER_M",
+        help="of the images (5000)",
     )
     tum.add_argument("--no-poses", action="store_true", help="do not read groundtruth.txt")
     png = kinds.add_parser("png", help="a folder of 16-bit PNG images in millimetres")

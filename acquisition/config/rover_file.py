@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from acquisition.config.model import TABLES, RoverConfig
 from acquisition.config.suggestion import suggestion
 from acquisition.errors import ConfigError
+from drivers.errors import reason_of
 from drivers.toml_lines import line_of, line_of_syntax_error, lines_of_keys
 
 # Where pydantic speaks of Python instead of TOML.
@@ -70,7 +71,7 @@ def read(path: Path) -> str:
         hint = "; `terravibe config init` makes one" if isinstance(error, FileNotFoundError) else ""
         raise ConfigError(f"cannot read {path}: {error.strerror}{hint}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"cannot read {path}: {error}") from error
+        raise ConfigError(f"cannot read {path}: {reason_of(error)}; give a rover.toml") from error
 
 
 def parse(text: str, path: Path) -> LoadedConfig:

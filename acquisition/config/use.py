@@ -34,9 +34,10 @@ from acquisition.recording.source_worker import WorkerSettings
 from acquisition.replay import Replay
 from acquisition.stream.open_part import PartLimits
 from acquisition.stream.provenance import DEVICE_CLOCKS
-from drivers.errors import TerravibeError
+from drivers.errors import TerravibeError, reason_of
 from drivers.samples import Float64Array, Sample, frozen_array
 from drivers.source import Source, source_class
+from drivers.vibration.profile import load_profile
 
 _NS_PER_S = 1_000_000_000
 
@@ -129,7 +130,9 @@ def _json_of(loaded: LoadedConfig, path: Path) -> object:
         return json.loads(loaded.resolve(path).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         where = loaded.where("calibration")
-        raise ConfigError(f"{where}: cannot use calibration file {path}: {error}") from error
+        raise ConfigError(
+            f"{where}: cannot use calibration file {path}: {reason_of(error)}"
+        ) from error
 
 
 def plan_of(loaded: LoadedConfig, sources: Sequence[Source]) -> RecordingPlan:
@@ -229,12 +232,21 @@ def _device_problems(loaded: LoadedConfig) -> Iterator[str]:
         where = loaded.where("devices", number)
         try:
             name = _source(loaded, number, entry).name
+            _require_profile(loaded, entry)
         except TerravibeError as error:
             yield f"{where}: {error}"
             continue
         if name in names:
             yield f"{where}: another device is called {name!r} too; give this one a name of its own"
         names.add(name)
+
+
+def _require_profile(loaded: LoadedConfig, entry: DeviceEntry) -> None:
+    """Refuse a vibration sensor's profile that opening the sensor would refuse."""
+    profile = entry.settings().get("profile")
+    if entry.kind == "vibration" and isinstance(profile, str):
+        beside = loaded.resolve(Path(profile))
+        load_profile(beside if beside.exists() else profile)
 
 
 def _missing_folders(loaded: LoadedConfig) -> Iterator[str]:

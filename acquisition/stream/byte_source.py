@@ -85,7 +85,9 @@ class FinishedFile(ClosedOnExit):
             # Opening a folder for reading fails with EISDIR.
             self._file = path.open("rb", buffering=0)
         except OSError as error:
-            raise StreamError(f"cannot read {path}: {error.strerror}") from error
+            hint = "; give an MCAP file; `terravibe import` makes one of depth images"
+            hint = hint if isinstance(error, IsADirectoryError) else ""
+            raise StreamError(f"cannot read {path}: {error.strerror}{hint}") from error
 
     def read(self, max_bytes: int) -> bytes:
         """Return what is there now; see `ByteSource`."""

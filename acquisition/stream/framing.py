@@ -20,6 +20,7 @@ MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
 MAX_RECORD_BYTES = 256 << 20
 _READ_BYTES = 1 << 20
+_HDF5 = b"\x89HDF\r\n\x1a\n"  # what a NetCDF-4 file begins with
 FIRST_PRIVATE_OPCODE = 0x80
 KNOWN_OPCODES = frozenset(int(opcode) for opcode in Opcode)
 
@@ -88,9 +89,8 @@ class RecordFramer:
             found = f"only {len(self._ahead)} bytes" if self._ahead else "nothing"
             raise StreamError(f"{self._source.name} holds {found}; expected an MCAP recording")
         if start != MAGIC:
-            raise StreamError(
-                f"{self._source.name} starts with {start.hex(' ')}; expected an MCAP recording"
-            )
+            found = "is NetCDF" if start == _HDF5 else f"starts with {start.hex(' ')}"
+            raise StreamError(f"{self._source.name} {found}; expected an MCAP recording")
 
     def _next(self) -> RawRecord | None:
         """Return the next record, or None at the end or when it cannot be found."""

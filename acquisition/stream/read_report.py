@@ -59,6 +59,25 @@ class ReadReport:
     damaged: tuple[Damage, ...]
     complete: bool
 
+    def losses(self, when_late: str = "") -> list[str]:
+        """Return a line for each part of the stream that was there and not handed on.
+
+        Args:
+            when_late: what to do about messages that came late, where there is an option for it.
+        """
+        lines = [f"not used, damaged: {damage.describe()}" for damage in self.damaged]
+        if not self.complete:
+            lines.append(
+                f"{self.name} has no proper end: used up to the last whole part, "
+                f"{self.bytes_read} bytes; {self.truncated_bytes} bytes behind it were not used"
+            )
+        if self.late_messages:
+            lines.append(
+                f"{self.late_messages} messages came more than the reorder window late and were "
+                f"not used{when_late}"
+            )
+        return lines
+
     def describe(self) -> list[str]:
         """Return the report as lines for people; what went well comes first."""
         lines = [f"{self.name}: {self.bytes_read} bytes, {sum(self.messages.values())} messages"]

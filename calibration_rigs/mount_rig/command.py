@@ -45,7 +45,8 @@ def add_track_arguments(parser: argparse.ArgumentParser) -> None:
         type=numbers(None, "angles in degrees"),
         required=True,
         metavar="A,B,...",
-        help="their angles, counter-clockwise positive",
+        help="their angles, counter-clockwise positive; --turns-deg=-A,... where the first is "
+        "negative",
     )
     add("--json", action="store_true", help="print the result as JSON")
 

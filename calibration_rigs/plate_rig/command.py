@@ -44,7 +44,7 @@ def run_plate(options: argparse.Namespace, console: Console) -> int:
     from calibration_rigs.plate_rig.manifest import read_manifest
 
     if (options.cells is None) == (options.session is None):
-        raise RigError("give the recordings' plate.toml, or --session DIR to record them")
+        raise RigError("give either the recordings' plate.toml, or --session DIR to record them")
     if options.session is not None:
         return _session(options, console)
     return _process(options, read_manifest(options.cells), console)

@@ -29,6 +29,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calibration_rigs.errors import RigError
+from drivers.errors import reason_of
 from mapping.measurement import SENSOR_WIDTH_PX
 
 MANIFEST_NAMES = ("plate.toml", "plate.csv")
@@ -139,7 +140,9 @@ def read_manifest(path: Path) -> Manifest:
         is_table = path.suffix.lower() == ".csv"
         found = RigFile.model_validate(_from_csv(text) if is_table else tomllib.loads(text))
     except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RigError(f"cannot read {path}: {error}; expected a plate.toml or .csv") from error
+        raise RigError(
+            f"cannot read {path}: {reason_of(error)}; expected a plate.toml or .csv"
+        ) from error
     except ValidationError as error:
         raise RigError(f"{path}: {first_fault(error)}") from error
     rig = read_rig(path.parent) if is_table else found.rig
@@ -159,7 +162,7 @@ def read_rig(folder: Path) -> Rig:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
         return Rig.model_validate(values.get("rig", {}))
     except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RigError(f"cannot read {path}: {error}; expected a [rig] table") from error
+        raise RigError(f"cannot read {path}: {reason_of(error)}; expected a [rig] table") from error
     except ValidationError as error:
         raise RigError(f"{path}: {first_fault(error)}") from error
 

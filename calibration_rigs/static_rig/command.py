@@ -36,7 +36,8 @@ def add_static_arguments(parser: argparse.ArgumentParser) -> None:
         "--turns-deg",
         type=numbers(None, "angles in degrees"),
         metavar="A,B,...",
-        help="the angles of --turns, counter-clockwise positive",
+        help="the angles of --turns, counter-clockwise positive; --turns-deg=-A,... where the "
+        "first is negative",
     )
     add("--shaker", type=Path, metavar="TABLE.csv", help="sensor beside reference, by frequency")
     add("--model", default="", metavar="NAME", help="of the device")

@@ -178,7 +178,9 @@ def _stamps_ns(paths: Sequence[Path], rate_hz: float | None) -> list[int]:
     for path in paths:
         is_number = _FRAME_NUMBER.fullmatch(path.stem) is not None
         if is_number and rate_hz is None:
-            raise DriverError(f"{path} is named by frame number; set rate_hz to give it a time")
+            raise DriverError(
+                f"{path} is named by frame number; set rate_hz (--rate-hz) to give it a time"
+            )
         if not is_number and rate_hz is not None:
             raise DriverError(
                 f"{path} is not named by frame number but rate_hz is set; expected digits, or "

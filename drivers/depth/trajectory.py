@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from drivers.errors import DriverError
+from drivers.errors import DriverError, reason_of
 from drivers.samples import Float64Array
 
 Int64Array = NDArray[np.int64]
@@ -75,7 +75,7 @@ def read_rows(path: Path, columns: str, *, repeats: bool = False) -> list[Row]:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise DriverError(
-            f"cannot read {path}: {error}; expected a text file with columns {columns}"
+            f"cannot read {path}: {reason_of(error)}; expected a text file with columns {columns}"
         ) from error
     rows: list[Row] = []
     for line, content in enumerate(text.splitlines(), start=1):

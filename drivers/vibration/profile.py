@@ -16,7 +16,7 @@ from pathlib import Path
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from drivers.errors import DriverError
+from drivers.errors import DriverError, reason_of
 from drivers.toml_lines import KeyPath, line_of, line_of_syntax_error, lines_of_keys
 from drivers.vibration.profile_rules import Finding, findings
 from drivers.vibration.profile_tables import VibrationProfile
@@ -82,7 +82,7 @@ def _read(name_or_path: str | Path) -> tuple[str, str]:
         return str(name_or_path), Path(name_or_path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise DriverError(
-            f"no vibration profile {str(name_or_path)!r} ({error}); "
+            f"no vibration profile {str(name_or_path)!r} ({reason_of(error)}); "
             f"expected one of {', '.join(shipped_profiles())} or the path of a TOML file"
         ) from error
 

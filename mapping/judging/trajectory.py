@@ -20,7 +20,7 @@ from mapping.errors import MappingError
 from mapping.files import write_whole
 from mapping.geometry import Float64Array, RigidTransform, UncertainPose
 from mapping.mounts import MountTree
-from mapping.output.netcdf import read_netcdf, write_netcdf
+from mapping.output.netcdf import read_netcdf, what_lacks, write_netcdf
 
 Int64Array = NDArray[np.int64]
 
@@ -146,7 +146,7 @@ def _read_netcdf(path: Path) -> Path3D:
         rotation = Rotation.from_quat(quat, scalar_first=True)
     except (KeyError, ValueError) as error:
         raise MappingError(
-            f"{path} holds no trajectory ({str(error).splitlines()[0]}); expected position, "
+            f"{path} holds no trajectory ({what_lacks(error)}); expected position, "
             "quat_wxyz and their times"
         ) from error
     return Path3D(str(path), t_ns, position, rotation, covariance)

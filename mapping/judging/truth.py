@@ -28,7 +28,14 @@ from mapping.judging.rover_view import (
     relative_cells,
     seen_from_m,
 )
-from mapping.output.netcdf import CONVENTIONS, FRAME, read_netcdf, software, write_netcdf
+from mapping.output.netcdf import (
+    CONVENTIONS,
+    FRAME,
+    read_netcdf,
+    software,
+    what_lacks,
+    write_netcdf,
+)
 
 # Positions nearer to a grid point than this share of a step are that point: rounding of floats.
 _SNAP = 1e-6
@@ -192,7 +199,7 @@ def read_truth(path: Path) -> Truth:
         return Truth(x, y, height, visible, _poses(path, dataset))
     except (KeyError, ValueError, MappingError) as error:
         raise MappingError(
-            f"{path} holds no truth ({str(error).splitlines()[0]}); "
+            f"{path} holds no truth ({what_lacks(error)}); "
             "expected x and y in metres and height (y, x) in metres"
         ) from error
 

@@ -38,7 +38,8 @@ def export(map_: ElevationMap, path: Path) -> None:
     encode = _FORMATS.get(path.suffix.lower())
     if encode is None:
         raise MappingError(
-            f"cannot export to {path.name}: expected a name that ends in {', '.join(_FORMATS)}"
+            f"cannot export to {path.name}: expected a name that ends in {', '.join(_FORMATS)} "
+            "or .nc"
         )
     write_whole(path, encode(map_))
 

@@ -8,8 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from mapping.errors import MappingError
-from mapping.files import write_whole
+from mapping.files import make_folder, write_whole
 from mapping.judging.odometry_scores import OdometryScores
 from mapping.output.figure_profile import BLUE, ORANGE
 from mapping.output.figures import png_bytes
@@ -75,10 +74,7 @@ def write_odometry_figures(scores: OdometryScores, folder: Path) -> list[Path]:
     Raises:
         MappingError: the folder or a file cannot be written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MappingError(f"cannot make the folder {folder}: {error.strerror}") from error
+    make_folder(folder)
     paths = [folder / "path.png", folder / "drift.png"]
     for path, figure in zip(paths, (path_figure(scores), drift_figure(scores)), strict=True):
         write_whole(path, png_bytes(figure))

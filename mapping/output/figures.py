@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mapping.cells.elevation_map import ElevationMap
-from mapping.errors import MappingError
-from mapping.files import write_whole
+from mapping.files import make_folder, write_whole
 from mapping.judging.evaluation import Scores
 from mapping.output.figure_errors import consistency_figure, error_figure
 from mapping.output.figure_fused import fused_figure
@@ -64,10 +63,7 @@ def write_figures(
     by_class = None if scores is None else scores_figure(scores)
     if by_class is not None:
         figures["scores"] = by_class
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MappingError(f"cannot make the folder {folder}: {error.strerror}") from error
+    make_folder(folder)
     paths = {name: folder / f"{name}.png" for name in figures}
     for name, path in paths.items():
         write_whole(path, png_bytes(figures[name]))

@@ -109,7 +109,7 @@ def read_map(path: Path) -> ElevationMap:
     missing += sorted({_SHA256, _RESOLUTION} - set(dataset.attrs))
     if missing:
         raise MappingError(
-            f"{path} is no terravibe map: it has no {', '.join(missing)}; "
+            f"{path} is no terravibe map: it has no {_some(missing)}; "
             "give a file made by 'terravibe map'"
         )
     map_ = ElevationMap(
@@ -176,6 +176,12 @@ def _axis(axis: str, centres_m: np.ndarray) -> tuple[str, np.ndarray, dict[str, 
             "axis": axis.upper(),
         },
     )
+
+
+def _some(names: list[str]) -> str:
+    """Return the first three of many names."""
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return ", ".join(names[:3]) + more
 
 
 def _attributes(dataset: xr.Dataset) -> dict[str, str | int | float]:

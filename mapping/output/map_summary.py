@@ -131,19 +131,9 @@ def summarise_run(result: MapResult, output: str) -> RunSummary:
 
 def _warnings(result: MapResult) -> list[str]:
     report, counts = result.report, result.counts
-    lines = [f"not mapped, damaged: {damage.describe()}" for damage in report.damaged]
+    lines = report.losses("; use a larger --reorder-window-s")
     lines += [result.noise_warning] if result.noise_warning else []
     lines += result.inertial.warnings if result.inertial is not None else ()
-    if not report.complete:
-        lines.append(
-            f"{report.name} has no proper end: mapped up to the last whole part, "
-            f"{report.bytes_read} bytes; {report.truncated_bytes} bytes behind it were not used"
-        )
-    if report.late_messages:
-        lines.append(
-            f"{report.late_messages} messages came more than the reorder window late and were "
-            "not mapped; use a larger --reorder-window-s"
-        )
     if report.unprotected_messages:
         lines.append(f"{report.unprotected_messages} messages have no checksum")
     lines += _about_cameras(result)

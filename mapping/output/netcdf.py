@@ -58,6 +58,11 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     write_whole(path, content + _seal(content))
 
 
+def what_lacks(error: Exception) -> str:
+    """Return the first sentence of an error of xarray's, which goes on to list what there is."""
+    return str(error).strip('"').splitlines()[0].partition(". ")[0]
+
+
 def read_netcdf(path: Path) -> xr.Dataset:
     """Return a file's arrays and attributes as they are stored, in memory.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from mapping.odometry_session import OdometryResult
@@ -56,8 +57,10 @@ class TrajectorySummary:
         return [f"{self.output}: {length}; ends at {end}"]
 
 
-def summarise_trajectory(result: OdometryResult, output: str) -> TrajectorySummary:
-    """Return what a run of at least one pose made."""
+def summarise_trajectory(
+    result: OdometryResult, output: str, losses: Sequence[str] = ()
+) -> TrajectorySummary:
+    """Return what a run of at least one pose made; `losses`: what of the stream was not used."""
     first_ns, last = result.poses[0].t_ns, result.poses[-1]
     x, y, z = last.transform.translation_m.tolist()
     return TrajectorySummary(
@@ -67,7 +70,7 @@ def summarise_trajectory(result: OdometryResult, output: str) -> TrajectorySumma
         end_m=(x, y, z),
         horizontal_sigma_m=float(last.covariance.diagonal()[:2].sum() ** 0.5),
         notes=tuple(result.inertial.notes),
-        warnings=tuple(result.inertial.warnings),
+        warnings=(*losses, *result.inertial.warnings),
         events=tuple(
             TimedEvent((event.t_ns - first_ns) * 1e-9, str(event.kind), event.text)
             for event in result.events

@@ -15,6 +15,7 @@ from mapping.errors import MappingError
 from mapping.noise import DepthNoiseModel
 from mapping.settings import MapSettings
 from mapping.stored_settings import flat, overlaid
+from mapping.world.failures import no_world
 from mapping.world.tile_store import TileStore
 from mapping.world.tiles import TILE_CELLS, shares
 
@@ -81,6 +82,8 @@ def read_world(path: Path, window_m: Sequence[float] | None = None) -> Elevation
         MappingError: no world, a damaged tile, nothing seen in the window, or too much for the
             memory limit that the world was made with.
     """
+    if not (path / "zarr.json").is_file():  # before zarr is asked for, which may not be there
+        raise no_world(path)
     for _ in range(_TRIES):
         with TileStore.read_only(path) as store:
             map_ = _read(store, window_m)

@@ -321,3 +321,11 @@ def test_a_recording_may_stand_for_devices() -> None:
     (source,) = config_use.sources_of(loaded(entry))
     assert isinstance(source, Replay)
     assert source.name == "again"
+
+
+def test_a_profile_that_does_not_exist_is_found_before_the_drive(tmp_path: Path) -> None:
+    path = tmp_path / "rover.toml"
+    sensor = "[[devices]]\nkind = 'vibration'\nport = 'x'\nprofile = 'wtvb01_485'\n"
+    path.write_text("# mine\n" + sensor)
+    (line,) = config_use.check(path)
+    assert line.startswith(f"{path}:2: devices.0: no vibration profile 'wtvb01_485' (No such file")

@@ -19,6 +19,7 @@ from acquisition.errors import StreamError
 from acquisition.stream.byte_source import Pipe
 from acquisition.stream.chunks import open_chunk
 from acquisition.stream.framing import HEAD, RawRecord, RecordFramer
+from acquisition.stream.read_report import Damage, ReadReport
 from acquisition.stream.reader import StreamReader
 from tests.fakes.recordings import fingerprint, reader_of, recording, samples
 
@@ -240,3 +241,15 @@ def test_absurd_lengths_do_not_take_memory() -> None:
     finally:
         tracemalloc.stop()
     assert peak_bytes < 1_000_000
+
+
+def test_what_was_not_handed_on_is_told() -> None:
+    damage = Damage(100, 20, "checksum differs")
+    whole = ReadReport("a.mcap", 900, {}, {}, 0, 0, 0, (), complete=True)
+    assert whole.losses() == []
+    lossy = ReadReport("a.mcap", 900, {}, {}, 3, 0, 7, (damage,), complete=False)
+    damaged, cut_short, late = lossy.losses("; wait longer")
+    assert damaged == "not used, damaged: 20 bytes at offset 100: checksum differs"
+    assert "900 bytes; 7 bytes behind it were not used" in cut_short
+    assert late.startswith("3 messages")
+    assert late.endswith("not used; wait longer")

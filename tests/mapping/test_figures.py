@@ -193,7 +193,7 @@ def test_a_map_without_confirmed_cells_or_truth_is_refused(tmp_path: Path) -> No
         write_figures(make_map([[0.0]]), tmp_path, np.zeros((2, 1)))
     assert not list(tmp_path.iterdir())
     (tmp_path / "file").touch()
-    with pytest.raises(MappingError, match="cannot make the folder"):
+    with pytest.raises(MappingError, match="is a file; give the name of a folder"):
         write_figures(hilly_map(), tmp_path / "file")
 
 
