@@ -189,6 +189,7 @@ def _tell_of_other_parts(recording: str, console: Console) -> None:
 
 def _map_options(options: argparse.Namespace) -> MapOptions:
     """Return what the user asked for."""
+    from drivers.checks import check_not_negative
     from mapping.calibration_file import calibration_from_name
     from mapping.session import MapOptions
     from mapping.settings import MapSettings
@@ -203,6 +204,8 @@ def _map_options(options: argparse.Namespace) -> MapOptions:
         given["grid"] = "scrolling"
         defaults["window_m"] = 12.0
     degrees = options.mount_sigma_deg
+    if degrees is not None:
+        check_not_negative("--mount-sigma-deg", degrees)  # else it would be told in radians
     return MapOptions(
         settings=MapSettings(**(defaults | given)),
         given=frozenset(given),
