@@ -10,6 +10,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from math import inf, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
@@ -120,11 +121,11 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
     _check_targets(options)
     _tell_of_other_parts(options.recording, console)
     with _byte_source(options) as source:
-        prepare_kernels(console)
         prepare_depth_code(console)
         reader = StreamReader(source, reorder_window_ns=round(options.reorder_window_s * 1e9))
         with console.progress(f"mapping {options.recording}") as reached:
-            result = map_stream(reader, map_options, frame_counter(reached))
+            prepare = partial(prepare_kernels, console)
+            result = map_stream(reader, map_options, frame_counter(reached), prepare)
     if gap_m is not None:
         result = replace(result, map=fill_gaps(result.map, gap_m))
     if options.output:
@@ -280,15 +281,6 @@ def prepare_kernels(console: Console) -> None:
     if not kernels_are_cached():
         console.note("compiling the mapping kernels; once per installation, takes about 20 s")
     compile_kernels()
-
-
-def prepare_filter(console: Console) -> None:
-    """Compile the kernel of ego-motion if this installation never did, and say so."""
-    from mapping.kernel_cache import compile_filter, filter_is_cached
-
-    if not filter_is_cached():
-        console.note("compiling the filter of ego-motion; once per installation, takes about 20 s")
-    compile_filter()
 
 
 def add_warmup_arguments(_: argparse.ArgumentParser) -> None:

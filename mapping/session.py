@@ -93,8 +93,15 @@ def map_stream(
     reader: StreamReader,
     options: MapOptions,
     progress: Callable[[StreamMessage], None] = lambda _: None,
+    prepare: Callable[[], None] = lambda: None,
 ) -> MapResult:
     """Map a stream until its end.
+
+    Args:
+        reader: the stream.
+        options: what the user asked for.
+        progress: called with each message that was mapped.
+        prepare: called once before the first, when stream and options are found to be usable.
 
     Raises:
         MappingError: nothing can be mapped, or the recording's own calibration is unusable.
@@ -104,7 +111,9 @@ def map_stream(
     poses: list[UncertainPose] = []
     with ExitStack() as resources:
         for message in reader:
-            mapper = mapper or _mapper_for(options, reader.metadata, resources, poses.append)
+            if mapper is None:
+                mapper = _mapper_for(options, reader.metadata, resources, poses.append)
+                prepare()
             if not isinstance(message.sample, ClockSample):
                 mapper.add(message.sample)
             progress(message)

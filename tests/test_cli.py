@@ -18,6 +18,7 @@ import cli
 from acquisition.commands.console import CHECK_FAILED, OK
 from acquisition.editing.recording_copy import RecordingCopy
 from acquisition.inspection import check, inspect
+from mapping import kernel_cache
 from mapping.ground.fill import fill_gaps
 from mapping.judging.truth import read_truth
 from mapping.output.map_file import read_map
@@ -238,6 +239,8 @@ def test_devices_lists_and_checks_profiles(
     ("arguments", "words"),
     [
         (["map", "missing.mcap", "-o", "x.nc"], "missing.mcap"),
+        (["map", "{tmp}/tum/depth.txt", "-o", "x.nc"], "expected an MCAP"),
+        (["odometry", "missing.mcap", "-o", "x.nc"], "missing.mcap"),
         (["map", "{recording}", "-o", "no/such/folder/x.nc"], "no folder"),
         (["map", "{recording}", "-o", "{tmp}/x.nc", "--resolution", "0"], "resolution_m"),
         (["map", "{recording}", "-o", "{tmp}/x.nc", "--noise", "unheard-of"], "unheard-of"),
@@ -265,7 +268,7 @@ def test_devices_lists_and_checks_profiles(
         (["evaluate", "{tmp}/none.nc", "--floor-height-m", "0"], "none.nc"),
         (["import", "tum", "{tmp}", "--intrinsics", "1,1,1,1", "-o", "{tmp}/y.mcap"], "depth.txt"),
         (
-            ["import", "tum", "{tmp}", "--intrinsics=1,1,1,1", "--pose-sigma-deg=0", "-o", "y.mcap"],
+            ["import", "tum", "{tmp}", "--intrinsics=1,1,1,1", "--pose-sigma-deg=0", "-oy.mcap"],
             "--pose-sigma-deg is 0.0",
         ),
         (["recover", "{recording}", "-o", "{recording}"], "exists already; give another name"),
@@ -294,6 +297,8 @@ def test_unusable_input_is_one_line_and_exit_2(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    for told_to_compile in ("kernels_are_cached", "filter_is_cached"):  # not before it is checked
+        monkeypatch.setattr(kernel_cache, told_to_compile, lambda: False)
     before = set(tmp_path.rglob("*"))
     capsys.readouterr()
     filled = [a.format(recording=recording, tmp=tmp_path) for a in arguments]
