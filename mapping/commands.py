@@ -132,10 +132,13 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
         write_map(result.map, options.output)
     if options.trajectory:
         write_trajectory(options.trajectory, result.poses, result.body_frame)
-    if options.figures:
-        draw(result.map, options.figures, console)
     summary = summarise_run(result, str(options.output or options.world))
+    drawable = summary.map.height_m is not None
+    if options.figures and drawable:
+        draw(result.map, options.figures, console)
     show(console, summary, as_json=options.json)
+    if options.figures and not drawable:
+        console.note(f"nothing is drawn into {options.figures}: no cell of the map is confirmed")
     if options.method == "paper2019":
         console.note(describe_faults())
     if result.inertial is not None:

@@ -127,6 +127,21 @@ def test_same_bits_from_file_pipe_and_second_run(
     assert checksum(piped.stdout.decode()) == from_file
 
 
+def test_a_map_without_a_confirmed_cell_is_summed_up_and_not_drawn(
+    tum_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (first,) = (tum_folder / "depth.txt").read_text().splitlines()[1:2]
+    (tum_folder / "depth.txt").write_text(first)
+    path, figures = tmp_path / "one.mcap", tmp_path / "figures"
+    words = ["import", "tum", str(tum_folder), "--intrinsics", _INTRINSICS, "-o", str(path)]
+    assert cli.main(words) == OK
+    assert run_map(path, tmp_path / "map.nc", "--figures", str(figures)) == OK
+    told = capsys.readouterr()
+    assert "no height is confirmed" in told.out
+    assert f"nothing is drawn into {figures}: no cell of the map is confirmed" in told.err
+    assert not figures.exists()
+
+
 def test_gaps_are_filled_only_when_asked_for(recording: Path, tmp_path: Path) -> None:
     assert run_map(recording, tmp_path / "open.nc") == OK
     assert run_map(recording, tmp_path / "filled.nc", "--fill-gaps-up-to-m", "0.12") == OK
