@@ -10,7 +10,7 @@ measured is absent.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -18,6 +18,7 @@ from mapping.calibration_file import DeviceIdentity, first_fault
 from mapping.errors import MappingError
 from mapping.files import read_whole
 
+INERTIAL_SCHEMA: Final = "terravibe/inertial"
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Sigma = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 

@@ -52,9 +52,10 @@ def run_plate(options: argparse.Namespace, console: Console) -> int:
 
 def _process(options: argparse.Namespace, manifest: Manifest, console: Console) -> int:
     from calibration_rigs.plate_rig.process import process
-    from calibration_rigs.plate_rig.report import Summary, write_products
+    from calibration_rigs.plate_rig.report import Summary, check_products, write_products
 
     folder = options.output or manifest.folder
+    check_products(folder)
     workers = options.workers or min(_WORKERS_AT_MOST, os.cpu_count() or 1)
     prepare_depth_code(console)  # here, not in every process at work
     with console.progress(f"calibrating on {len(manifest.cells)} cells") as reached:

@@ -20,6 +20,8 @@ from mapping.output.netcdf import software
 Float64Array = NDArray[np.float64]
 
 # A terrain camera looks at the ground at about this angle; the factors have no angle of their own.
+# What tells the ROS factors from a configuration that somebody wrote.
+ROS_MARK = "; steps included."
 _TYPICAL_ANGLE_RAD = radians(45.0)
 
 
@@ -131,7 +133,7 @@ def ros_yaml(result: PlateResult) -> str:
     device = f"{result.device.model} {result.device.serial}".strip() or "unknown device"
     return "\n".join(
         [
-            f"# {device}, {model.range_min_m:.2f} to {model.range_max_m:.2f} m; steps included.",
+            f"# {device}, {model.range_min_m:.2f} to {model.range_max_m:.2f} m{ROS_MARK}",
             f"# a, b, c within {100.0 * worst:.1f} % of the measured law; d at 45 degrees.",
             "sensor_processor:",
             "  type: structured_light",
@@ -187,6 +189,10 @@ _COLUMNS: dict[str, Callable[[CellResult], str | float]] = {
     "paper_error_m": lambda c: "" if c.cell.angle_deg else c.paper.grid_mean_m - c.cell.distance_m,
     "faults": lambda c: "; ".join(fault.kind for fault in c.faults),
 }
+
+
+# The first line of that table.
+COLUMNS = ",".join(_COLUMNS)
 
 
 def cells_csv(cells: tuple[CellResult, ...]) -> str:

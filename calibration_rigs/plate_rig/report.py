@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition.files import check_target
 from calibration_rigs.plate_rig import figures
 from calibration_rigs.plate_rig.process import PlateResult, worst_held_out
 from calibration_rigs.plate_rig.products import (
+    COLUMNS,
+    ROS_MARK,
     calibration_json,
     cells_csv,
     measured,
@@ -21,11 +22,15 @@ from calibration_rigs.plate_rig.products import (
 )
 from calibration_rigs.plate_rig.sigma_models import SigmaFit
 from calibration_rigs.plate_rig.verdict import cell_warnings, verdict
+from calibration_rigs.replaced import check_replaced, of_schema, of_table
+from mapping.calibration_file import DEPTH_NOISE_SCHEMA
 from mapping.files import write_whole
 from mapping.output.figures import png_bytes
 from mapping.output.pages import picture, render
 
 CALIBRATION_NAME = "calibration.json"
+ROS_NAME = "elevation_mapping.yaml"
+TABLE_NAME = "cells.csv"
 REPORT_NAME = "report.html"
 _PICTURES = {
     "Systematic error": (
@@ -91,6 +96,19 @@ class Summary:
         return cell_warnings(self.result)
 
 
+def check_products(folder: Path) -> None:
+    """Refuse a folder whose calibration, table or ROS factors are not of this rig.
+
+    Raises:
+        RigError: a file with such a name is something else, such as the list of the recordings.
+        StreamError: they cannot be written.
+    """
+    of_noise = of_schema(DEPTH_NOISE_SCHEMA)
+    check_replaced(folder / CALIBRATION_NAME, "depth noise calibration", of_noise)
+    check_replaced(folder / TABLE_NAME, "table of calibrated cells", of_table(COLUMNS))
+    check_replaced(folder / ROS_NAME, "file of this rig", lambda text: ROS_MARK.encode() in text)
+
+
 def write_products(result: PlateResult, folder: Path, *, undistortion: bool) -> list[Path]:
     """Write calibration.json, elevation_mapping.yaml, cells.csv and report.html into a folder.
 
@@ -102,13 +120,12 @@ def write_products(result: PlateResult, folder: Path, *, undistortion: bool) -> 
             `mapping.undistortion` needs beside it.
 
     Raises:
-        MappingError, StreamError: a file cannot be written; none of the later ones is then.
+        MappingError: a file cannot be written; none of the later ones is then.
     """
-    check_target(folder / CALIBRATION_NAME)
     contents = {
         CALIBRATION_NAME: calibration_json(result).encode(),
-        "elevation_mapping.yaml": ros_yaml(result).encode(),
-        "cells.csv": cells_csv(result.cells).encode(),
+        ROS_NAME: ros_yaml(result).encode(),
+        TABLE_NAME: cells_csv(result.cells).encode(),
         REPORT_NAME: report_html(result).encode(),
     }
     if undistortion:

@@ -81,10 +81,15 @@ def _check_targets(options: argparse.Namespace) -> None:
     """Refuse what cannot be written, or not be filled, before hours of recordings are read."""
     from acquisition.files import check_target, refuse_same_file
     from calibration_rigs.errors import RigError
+    from calibration_rigs.replaced import check_replaced, of_schema, of_table
+    from calibration_rigs.static_rig.deviations import COLUMNS
+    from mapping.inertial_calibration import INERTIAL_SCHEMA
 
-    for target in (options.output, options.figure, options.deviations):
-        if target is not None:
-            check_target(target)
+    check_replaced(options.output, "inertial calibration", of_schema(INERTIAL_SCHEMA))
+    if options.figure is not None:
+        check_target(options.figure)
+    if options.deviations is not None:
+        check_replaced(options.deviations, "table of deviations", of_table(COLUMNS))
     for option in ("figure", "deviations"):
         if getattr(options, option) is not None and options.rest is None:
             raise RigError(f"--{option} is of signals at rest; give --rest REC.mcap, or leave it")

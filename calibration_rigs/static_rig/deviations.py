@@ -19,6 +19,8 @@ from calibration_rigs.static_rig.allan import averaging_times_s, require_signal
 
 Float64Array = NDArray[np.float64]
 
+# The first line of the table.
+COLUMNS = "signal,deviation,tau_s,value"
 _FUNCTIONS = {
     "adev": allantools.adev,
     "oadev": allantools.oadev,
@@ -67,7 +69,7 @@ def deviations_csv(signals: Mapping[str, AtRest]) -> str:
     """
     if not signals:
         raise RigError("no signal to take deviations of; give a recording at rest (--rest)")
-    lines = ["signal,deviation,tau_s,value"]
+    lines = [COLUMNS]
     for name, signal in signals.items():
         for kind in KINDS:
             pairs = zip(*deviation(kind, signal), strict=True)
