@@ -75,6 +75,7 @@ def run_evaluate(options: argparse.Namespace, console: Console) -> int:
 def _evaluate_truth(map_: ElevationMap, options: argparse.Namespace, console: Console) -> int:
     """Compare a map with the truth, taken to the map's frame."""
     from mapping.judging.origin import Origin, in_frame_of, origin_name, start_origin
+    from mapping.judging.overlap import overlap_warning
     from mapping.judging.trajectory import read_trajectory_of
     from mapping.judging.truth import evaluate_truth, read_truth
     from mapping.output.figures import write_figures
@@ -85,6 +86,8 @@ def _evaluate_truth(map_: ElevationMap, options: argparse.Namespace, console: Co
     if (options.origin or origin_name(map_)) == "start":
         origin = start_origin(truth, believed)
         truth = in_frame_of(truth, origin)
+    if few := overlap_warning(map_, truth):
+        console.note(f"warning: {few}")
     pose_source = map_.attributes.get("setting_pose_source", "mocap")
     if believed is None and pose_source != "mocap":
         console.note(
