@@ -10,6 +10,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from math import inf, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
@@ -120,21 +121,24 @@ def run_map(options: argparse.Namespace, console: Console) -> int:
     _check_targets(options)
     _tell_of_other_parts(options.recording, console)
     with _byte_source(options) as source:
-        prepare_kernels(console)
         prepare_depth_code(console)
         reader = StreamReader(source, reorder_window_ns=round(options.reorder_window_s * 1e9))
         with console.progress(f"mapping {options.recording}") as reached:
-            result = map_stream(reader, map_options, frame_counter(reached))
+            prepare = partial(prepare_kernels, console)
+            result = map_stream(reader, map_options, frame_counter(reached), prepare)
     if gap_m is not None:
         result = replace(result, map=fill_gaps(result.map, gap_m))
     if options.output:
         write_map(result.map, options.output)
     if options.trajectory:
         write_trajectory(options.trajectory, result.poses, result.body_frame)
-    if options.figures:
-        draw(result.map, options.figures, console)
     summary = summarise_run(result, str(options.output or options.world))
+    drawable = summary.map.height_m is not None
+    if options.figures and drawable:
+        draw(result.map, options.figures, console)
     show(console, summary, as_json=options.json)
+    if options.figures and not drawable:
+        console.note(f"nothing is drawn into {options.figures}: no cell of the map is confirmed")
     if options.method == "paper2019":
         console.note(describe_faults())
     if result.inertial is not None:
@@ -189,6 +193,7 @@ def _tell_of_other_parts(recording: str, console: Console) -> None:
 
 def _map_options(options: argparse.Namespace) -> MapOptions:
     """Return what the user asked for."""
+    from drivers.checks import check_not_negative
     from mapping.calibration_file import calibration_from_name
     from mapping.session import MapOptions
     from mapping.settings import MapSettings
@@ -203,6 +208,8 @@ def _map_options(options: argparse.Namespace) -> MapOptions:
         given["grid"] = "scrolling"
         defaults["window_m"] = 12.0
     degrees = options.mount_sigma_deg
+    if degrees is not None:
+        check_not_negative("--mount-sigma-deg", degrees)  # else it would be told in radians
     return MapOptions(
         settings=MapSettings(**(defaults | given)),
         given=frozenset(given),
@@ -277,15 +284,6 @@ def prepare_kernels(console: Console) -> None:
     if not kernels_are_cached():
         console.note("compiling the mapping kernels; once per installation, takes about 20 s")
     compile_kernels()
-
-
-def prepare_filter(console: Console) -> None:
-    """Compile the kernel of ego-motion if this installation never did, and say so."""
-    from mapping.kernel_cache import compile_filter, filter_is_cached
-
-    if not filter_is_cached():
-        console.note("compiling the filter of ego-motion; once per installation, takes about 20 s")
-    compile_filter()
 
 
 def add_warmup_arguments(_: argparse.ArgumentParser) -> None:

@@ -44,7 +44,6 @@ def run_odometry(options: argparse.Namespace, console: Console) -> int:
     from acquisition.files import check_target, refuse_same_file
     from acquisition.stream.byte_source import FinishedFile
     from acquisition.stream.reader import StreamReader
-    from mapping.commands import prepare_filter
     from mapping.ego_motion.paper2019 import WARNING
     from mapping.ego_motion.settings import EgoMotionSettings
     from mapping.errors import MappingError
@@ -61,25 +60,23 @@ def run_odometry(options: argparse.Namespace, console: Console) -> int:
             f"found {options.output}, expected .nc, or another name for a TUM file; `terravibe map "
             "--trajectory` writes poses as .mcap"
         )
-    if options.method == "filter":
-        prepare_filter(console)
-    prepare_depth_code(console)
-    if options.method == "paper2019":
-        console.note(f"warning: {WARNING}")
-    with (
-        FinishedFile(options.recording) as source,
-        console.progress(f"following {options.recording}"),
-    ):
+    with FinishedFile(options.recording) as source:
+        if options.method == "filter":
+            _prepare_filter(console)
+        prepare_depth_code(console)
+        if options.method == "paper2019":
+            console.note(f"warning: {WARNING}")
         reader = StreamReader(source)
-        result = find_trajectory(
-            reader,
-            settings,
-            method=options.method,
-            rate_hz=options.rate_hz,
-            with_wheels=not options.without_wheels,
-            calibrations=options.calibrations,
-            changes=changes,
-        )
+        with console.progress(f"following {options.recording}"):
+            result = find_trajectory(
+                reader,
+                settings,
+                method=options.method,
+                rate_hz=options.rate_hz,
+                with_wheels=not options.without_wheels,
+                calibrations=options.calibrations,
+                changes=changes,
+            )
     write_path(options.output, result.poses)
     report = reader.report
     summary = summarise_trajectory(result, str(options.output), report.losses())
@@ -92,3 +89,12 @@ def run_odometry(options: argparse.Namespace, console: Console) -> int:
     for event in summary.events:
         console.note(event.describe())
     return CHECK_FAILED if report.damaged else OK
+
+
+def _prepare_filter(console: Console) -> None:
+    """Compile the kernel of ego-motion if this installation never did, and say so."""
+    from mapping.kernel_cache import compile_filter, filter_is_cached
+
+    if not filter_is_cached():
+        console.note("compiling the filter of ego-motion; once per installation, takes about 20 s")
+    compile_filter()

@@ -93,8 +93,15 @@ def map_stream(
     reader: StreamReader,
     options: MapOptions,
     progress: Callable[[StreamMessage], None] = lambda _: None,
+    prepare: Callable[[], None] = lambda: None,
 ) -> MapResult:
     """Map a stream until its end.
+
+    Args:
+        reader: the stream.
+        options: what the user asked for.
+        progress: called with each message that was mapped.
+        prepare: called once before the first, when stream and options are found to be usable.
 
     Raises:
         MappingError: nothing can be mapped, or the recording's own calibration is unusable.
@@ -104,12 +111,15 @@ def map_stream(
     poses: list[UncertainPose] = []
     with ExitStack() as resources:
         for message in reader:
-            mapper = mapper or _mapper_for(options, reader.metadata, resources, poses.append)
+            if mapper is None:
+                mapper = _mapper_for(options, reader.metadata, resources, poses.append)
+                prepare()
             if not isinstance(message.sample, ClockSample):
                 mapper.add(message.sample)
             progress(message)
         mapper = mapper or _mapper_for(options, reader.metadata, resources, poses.append)
         mapper.finish()
+        _check_window(mapper, options)
         report = reader.report
         noise = _noise_for(options, reader.metadata)
         map_ = mapper.elevation_map(_attributes(mapper, report) | noise.attributes())
@@ -125,6 +135,20 @@ def map_stream(
         noise_warning=noise.warning,
         depth_devices=depth_devices(reader.metadata),
     )
+
+
+def _check_window(mapper: Mapper, options: MapOptions) -> None:
+    """Refuse a window that the rover has looked over, unless there is a world behind it.
+
+    Raises:
+        MappingError: there were readings, and none of them fell into the window.
+    """
+    counts = mapper.counts
+    if counts.readings and counts.readings == counts.readings_outside and not options.world:
+        raise MappingError(
+            f"all {counts.readings} depth readings fell outside the window of "
+            f"{mapper.settings.window_m:g} m around the rover; use a larger one, in metres"
+        )
 
 
 def _mapper_for(

@@ -18,6 +18,8 @@ GridKind = Literal["growing", "scrolling"]
 
 # Far beyond every sensible value; squares and nanoseconds of it can still be counted.
 _LARGEST = 1e9
+# As wide as a small rover: coarser cells tell it nothing, and were meant in centimetres.
+_COARSEST_CELL_M = 0.5
 _POSITIVE = (
     "resolution_m",
     "window_m",
@@ -56,7 +58,7 @@ class MapSettings:
     """Settings of a mapping run; stored in the map file.
 
     Attributes:
-        resolution_m: edge of a square cell.
+        resolution_m: edge of a square cell; half a metre at most.
         grid: "growing" keeps everything that was seen; "scrolling" keeps a window around the
             rover and forgets what leaves it.
         window_m: edge of that window.
@@ -135,6 +137,11 @@ class MapSettings:
                 raise MappingError(
                     f"{name} is {getattr(self, name)}; expected 0 or more, to {_LARGEST:g}"
                 )
+        if self.resolution_m > _COARSEST_CELL_M:
+            raise MappingError(
+                f"resolution_m, the edge of a cell, is {self.resolution_m:g} m; expected at most "
+                f"{_COARSEST_CELL_M} m: give metres, 4 cm are 0.04"
+            )
         for low, high in _ORDERED:
             if getattr(self, low) >= getattr(self, high):
                 raise MappingError(

@@ -37,5 +37,5 @@ class SimulatedRun:
         return [
             f"{self.output}: {samples} samples of {self.duration_s:g} s, {self.bytes} bytes",
             f"{self.truth}: terrain, visible cells, poses and signals; the mapper never opens it",
-            f"took {self.took_s:.1f} s, {speed:.2f} times faster than real time",
+            f"took {self.took_s:.1f} s, {speed:.2f} times as fast as real time",
         ]

@@ -18,6 +18,7 @@ import cli
 from acquisition.commands.console import CHECK_FAILED, OK
 from acquisition.editing.recording_copy import RecordingCopy
 from acquisition.inspection import check, inspect
+from mapping import kernel_cache
 from mapping.ground.fill import fill_gaps
 from mapping.judging.truth import read_truth
 from mapping.output.map_file import read_map
@@ -126,6 +127,21 @@ def test_same_bits_from_file_pipe_and_second_run(
     assert checksum(piped.stdout.decode()) == from_file
 
 
+def test_a_map_without_a_confirmed_cell_is_summed_up_and_not_drawn(
+    tum_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (first,) = (tum_folder / "depth.txt").read_text().splitlines()[1:2]
+    (tum_folder / "depth.txt").write_text(first)
+    path, figures = tmp_path / "one.mcap", tmp_path / "figures"
+    words = ["import", "tum", str(tum_folder), "--intrinsics", _INTRINSICS, "-o", str(path)]
+    assert cli.main(words) == OK
+    assert run_map(path, tmp_path / "map.nc", "--figures", str(figures)) == OK
+    told = capsys.readouterr()
+    assert "no height is confirmed" in told.out
+    assert f"nothing is drawn into {figures}: no cell of the map is confirmed" in told.err
+    assert not figures.exists()
+
+
 def test_gaps_are_filled_only_when_asked_for(recording: Path, tmp_path: Path) -> None:
     assert run_map(recording, tmp_path / "open.nc") == OK
     assert run_map(recording, tmp_path / "filled.nc", "--fill-gaps-up-to-m", "0.12") == OK
@@ -188,7 +204,8 @@ def test_a_simulated_run_is_mapped_and_judged_and_is_the_same_in_another_process
     said = json.loads(capsys.readouterr().out)
     (images,) = [t for t in inspect(folders[0] / "run.mcap").topics if t.topic == "/depth/image"]
     assert (said["duration_s"], said["samples"]["DepthFrame"]) == (4.0, images.messages)
-    assert "faster than real time" in SimulatedRun(**said).describe()[2]
+    slow = SimulatedRun(**said | {"took_s": 5.0})
+    assert slow.describe()[2] == "took 5.0 s, 0.80 times as fast as real time"
     assert said["bytes"] == (folders[0] / "run.mcap").stat().st_size
     for name in ("run.mcap", "truth.nc"):
         assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes()
@@ -237,6 +254,8 @@ def test_devices_lists_and_checks_profiles(
     ("arguments", "words"),
     [
         (["map", "missing.mcap", "-o", "x.nc"], "missing.mcap"),
+        (["map", "{tmp}/tum/depth.txt", "-o", "x.nc"], "expected an MCAP"),
+        (["odometry", "missing.mcap", "-o", "x.nc"], "missing.mcap"),
         (["map", "{recording}", "-o", "no/such/folder/x.nc"], "no folder"),
         (["map", "{recording}", "-o", "{tmp}/x.nc", "--resolution", "0"], "resolution_m"),
         (["map", "{recording}", "-o", "{tmp}/x.nc", "--noise", "unheard-of"], "unheard-of"),
@@ -254,11 +273,19 @@ def test_devices_lists_and_checks_profiles(
         (["map", "{tmp}", "-o", "{tmp}/x.nc"], "`terravibe import` makes one"),
         (["info", "{tmp}"], "is no world map"),
         (["map", "{recording}", "-o", "{tmp}/x.nc", "--mount-sigma-m", "-1"], "mount_sigma_m"),
+        (
+            ["map", "{recording}", "-o", "{tmp}/x.nc", "--mount-sigma-deg", "-3"],
+            "--mount-sigma-deg is -3.0",
+        ),
         (["map", "{recording}", "-o", "{tmp}/x.nc", "--fill-gaps-up-to-m", "9"], "64 cells"),
         (["export", "{recording}"], "nothing to do"),
         (["export", "{recording}", "-o", "{tmp}/x.tif"], "NetCDF"),
         (["evaluate", "{tmp}/none.nc", "--floor-height-m", "0"], "none.nc"),
         (["import", "tum", "{tmp}", "--intrinsics", "1,1,1,1", "-o", "{tmp}/y.mcap"], "depth.txt"),
+        (
+            ["import", "tum", "{tmp}", "--intrinsics=1,1,1,1", "--pose-sigma-deg=0", "-oy.mcap"],
+            "--pose-sigma-deg is 0.0",
+        ),
         (["recover", "{recording}", "-o", "{recording}"], "exists already; give another name"),
         (["cut", "{recording}", "-o", "{recording}"], "exists already; give another name"),
         (["merge", "{recording}", "x", "-o", "{recording}"], "exists already; give another name"),
@@ -285,6 +312,8 @@ def test_unusable_input_is_one_line_and_exit_2(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    for told_to_compile in ("kernels_are_cached", "filter_is_cached"):  # not before it is checked
+        monkeypatch.setattr(kernel_cache, told_to_compile, lambda: False)
     before = set(tmp_path.rglob("*"))
     capsys.readouterr()
     filled = [a.format(recording=recording, tmp=tmp_path) for a in arguments]

@@ -72,11 +72,14 @@ def run_import(options: argparse.Namespace, console: Console) -> int:
     """Turn a folder of depth images into a recording."""
     from acquisition.importing import record_all
     from acquisition.messages.frames import camera_is_tracked_body
-    from drivers.checks import check_not_negative
+    from drivers.checks import check_not_negative, check_positive
     from drivers.source import make_source
 
     check_not_negative("--mount-sigma-m", options.mount_sigma_m)
     check_not_negative("--mount-sigma-deg", options.mount_sigma_deg)
+    for option in ("pose_sigma_m", "pose_sigma_deg", "max_pose_gap_s"):
+        if (value := getattr(options, option)) is not None:
+            check_positive(f"--{option.replace('_', '-')}", value)
     source = make_source(
         options.kind,
         folder=options.folder,

@@ -165,7 +165,7 @@ class MapSection(_Strict):
     The keys of [map.ego_motion] are those of `mapping.ego_motion.settings`, which checks them.
     """
 
-    resolution_m: _Positive = 0.04
+    resolution_m: Annotated[float, Field(gt=0.0, le=0.5)] = 0.04
     grid: Literal["growing", "scrolling"] = "growing"
     window_m: _Positive = 6.0
     memory_limit_mb: _Positive = 4096.0

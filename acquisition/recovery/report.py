@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from acquisition.stream.read_report import Damage
 
@@ -70,8 +70,7 @@ class RecoveryReport:
         lines = [f"{self.output}: {total} messages of {self.source} ({self.size_bytes} bytes)"]
         lines += [self._topic_line(topic) for topic in sorted({*self.messages, *self._announced})]
         lines.append(f"  {self.metadata} metadata records, {self.attachments} attachments")
-        lines += [f"left out: {damage.describe()}" for damage in self.damaged]
-        lines += [f"lost chunk: {damage.describe()}" for damage in self.lost_chunks]
+        lines += self._losses()
         lines += [
             f"left out: {number} messages of channel {channel}, which nothing defines"
             for channel, number in self.undefined.items()
@@ -87,6 +86,19 @@ class RecoveryReport:
         if not self.complete:
             lines.append("the recording had no proper end; the copy has one")
         return lines
+
+    def _losses(self) -> list[str]:
+        """Return a line for each loss: a chunk that is all of a damaged part is told once."""
+        chunks, lines = {chunk.offset: chunk for chunk in self.lost_chunks}, []
+        for damage in self.damaged:
+            chunk = chunks.get(damage.offset)
+            if chunk is None or chunk.length_bytes < damage.length_bytes:
+                lines.append(f"left out: {damage.describe()}")
+                continue
+            known = replace(damage, start_ns=chunk.start_ns, end_ns=chunk.end_ns)
+            lines.append(f"lost chunk: {known.describe()}")
+            del chunks[damage.offset]
+        return [*lines, *(f"lost chunk: {chunk.describe()}" for chunk in chunks.values())]
 
     @property
     def _announced(self) -> Mapping[str, int]:

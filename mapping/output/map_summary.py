@@ -151,6 +151,11 @@ def _warnings(result: MapResult) -> list[str]:
         )
     if counts.frames_without_pose:
         lines.append(_without_pose(counts.frames_without_pose, result.settings))
+    if 2 * counts.readings_outside > counts.readings:
+        lines.append(
+            f"{counts.readings_outside} of {counts.readings} readings fell outside the window of "
+            f"{result.settings.window_m:g} m around the rover and were not mapped"
+        )
     if counts.misfits:
         lines.append(
             f"{counts.misfits} depth frames fit the map nowhere near their pose; the first of each "

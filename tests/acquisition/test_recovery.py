@@ -309,6 +309,10 @@ def test_definitions_are_found_in_the_summary(tmp_path: Path) -> None:
     assert (damage.offset, damage.length_bytes) == (start, end - start)
     assert [chunk.offset for chunk in report.lost_chunks] == [start]
     assert (report.lost_chunks[0].start_ns, report.lost_chunks[0].end_ns) == (1000, 999 + first)
+    (told,) = [line for line in report.describe() if f"at offset {start}:" in line]
+    assert told.startswith("lost chunk: ")
+    assert damage.reason in told
+    assert f"log times 1000 to {999 + first} ns" in told
 
 
 def test_what_nothing_defines_is_left_out_and_told(tmp_path: Path) -> None:

@@ -188,12 +188,12 @@ def test_a_level_camera_has_the_textbook_sensitivities(ahead_m: float, aside_m: 
 
 
 def test_the_middle_of_a_coarse_cell_is_never_nearer_than_the_range() -> None:
-    """A reading 0.5 m ahead in a cell whose middle is beside the camera."""
-    settings = MapSettings(resolution_m=2.0)
+    """A reading ahead, in a cell whose middle is beside the camera."""
+    settings = MapSettings(resolution_m=0.5)
     noise = DepthNoiseModel("biased", axial_offset_m=0.01, bias_sigma_m=0.01)
     optical = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     frame = FrameReducer(CAMERA, noise, settings).frame_constants(
-        view_of(optical, (1.0, 1.0, 0.4)), CellWindow(0, 0, 1, 1), (0, 0)
+        view_of(optical, (0.25, 0.25, 0.4)), CellWindow(0, 0, 1, 1), (0, 0)
     )
     layers = empty_layers(1, 1)
     fuse(sums_of([-0.4], 1.0), frame, fusion_constants(settings), layers, at_rest())

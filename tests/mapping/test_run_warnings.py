@@ -6,6 +6,7 @@ import io
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -26,7 +27,7 @@ NARROW = replace(CAMERA, fx_px=70.0, fy_px=70.0)
 SMALL = CameraIntrinsics(32, 24, 29.0, 29.0, 15.5, 11.5)
 
 
-def _map(cameras: Sequence[CameraIntrinsics]) -> MapResult:
+def _map(cameras: Sequence[CameraIntrinsics], **settings: Any) -> MapResult:
     """Map one frame of each camera, seen from one place."""
     stream = io.BytesIO()
     with StreamWriter(
@@ -36,7 +37,7 @@ def _map(cameras: Sequence[CameraIntrinsics]) -> MapResult:
             samples: list[Sample] = [pose_sample(n * 10**8), floor_frame(n * 10**8, camera=camera)]
             for sample in samples:
                 writer.write(sample)
-    return map_stream(reader_of(stream.getvalue()), MapOptions(MapSettings()))
+    return map_stream(reader_of(stream.getvalue()), MapOptions(MapSettings(**settings)))
 
 
 def _told(result: MapResult) -> RunSummary:
@@ -51,6 +52,11 @@ def test_a_single_frame_confirms_nothing_and_claims_nothing() -> None:
     assert "sigma" not in "".join(told.describe())
     assert json.loads(json.dumps(told.as_json()))["map"]["sigma_median_m"] is None
     assert _told(_map([CAMERA] * 2)).warnings == ()
+
+
+def test_a_window_that_takes_the_lesser_part_is_told() -> None:
+    (warning,) = _told(_map([CAMERA] * 2, grid="scrolling", window_m=1.6)).warnings
+    assert "readings fell outside the window of 1.6 m around the rover" in warning
 
 
 @pytest.mark.parametrize(

@@ -195,6 +195,12 @@ def test_map_settings_reach_the_grid() -> None:
     assert math.isclose(result.map.x_m[1] - result.map.x_m[0], 0.1)
 
 
+def test_a_window_that_the_rover_looks_over_is_told_as_one() -> None:
+    options = MapOptions(MapSettings(grid="scrolling", window_m=0.05))
+    with pytest.raises(MappingError, match=r"depth readings fell outside the window of 0\.05 m"):
+        _map({}, options)
+
+
 def test_the_recordings_map_section_counts_where_the_user_says_nothing() -> None:
     recorded = {"map": {"resolution_m": 0.1, "gate_sigma": 2.5, "grid": "scrolling"}}
     options = MapOptions(MapSettings(resolution_m=0.05), given=frozenset({"resolution_m"}))

@@ -64,7 +64,8 @@ def test_zero_is_allowed_where_it_means_something(name: str) -> None:
     [
         ({"range_min_m": 4.0}, "range_min_m is 4.0 and range_max_m is 4.0; expected range_min_m"),
         ({"sigma_floor_m": 2.0}, "expected sigma_floor_m below sigma_ceiling_m"),
-        ({"resolution_m": 6.0}, "expected resolution_m below window_m"),
+        ({"window_m": 0.04}, "expected resolution_m below window_m"),
+        ({"resolution_m": 4.0}, "of a cell, is 4 m; expected at most 0.5 m: give metres, 4 cm"),
         ({"grid": "round"}, "grid is 'round'; expected growing or scrolling"),
         ({"confirmations": 256}, "confirmations is 256; expected at most 255"),
         ({"seen_through_frames": 256}, "seen_through_frames is 256; expected at most 255"),
