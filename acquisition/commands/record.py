@@ -6,11 +6,7 @@ Nothing heavy is imported before a command runs.
 from __future__ import annotations
 
 import argparse
-import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from threading import Event, Timer
 from typing import TYPE_CHECKING
 
 from acquisition.commands.arguments import names, product, seconds
@@ -22,13 +18,11 @@ from acquisition.commands.console import (
     prepare_depth_code,
     show,
 )
+from acquisition.commands.signals import stopped_by_signals
 
 if TYPE_CHECKING:
     from acquisition.config.rover_file import LoadedConfig
     from acquisition.health.snapshot import HealthSnapshot
-    from acquisition.recording.output import RecordingOutput
-
-_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
@@ -101,12 +95,16 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
         prepare_depth_code(console)
     recorder = Recorder(sources, output, plan, clock)
     notifier = ServiceNotifier.from_environment()
-    with _stop_event(options.seconds, output) as stop, console.board() as board:
+    trigger = getattr(output, "trigger", lambda: None)  # a ring has one
+    with stopped_by_signals(trigger) as stop, console.board() as board:
 
         def beat(snapshot: HealthSnapshot) -> None:
             notifier.heartbeat(snapshot)
             _show_health(board, snapshot)
 
+        recorder.preflight(stop)  # which may be long; --seconds are of the recording
+        if options.seconds is not None:
+            stop.after(options.seconds)
         result = recorder.run(stop, beat)
     notifier.stopping(result.message)
     failed = result.outcome == "output_failed" or bool(result.hanging)
@@ -136,26 +134,6 @@ def _show_health(board: Board, snapshot: HealthSnapshot) -> None:
     from acquisition.health.views import lines_of, table_of
 
     board(lambda: table_of(snapshot), lambda: lines_of(snapshot))
-
-
-@contextmanager
-def _stop_event(seconds: float | None, output: RecordingOutput) -> Iterator[Event]:
-    """Give an event that signals set; SIGUSR1 triggers a ring's snapshot."""
-    stop = Event()
-    trigger: Callable[[], object] = getattr(output, "trigger", lambda: None)
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in _STOP_SIGNALS}
-    before[signal.SIGUSR1] = signal.signal(signal.SIGUSR1, lambda *_: trigger())
-    timer = None if seconds is None else Timer(seconds, stop.set)
-    if timer:
-        timer.start()
-    try:
-        yield stop
-    finally:
-        if timer:
-            timer.cancel()
-            timer.join()
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def add_config_arguments(parser: argparse.ArgumentParser) -> None:

@@ -55,9 +55,10 @@ def random_frames(profile: VibrationProfile, rng: random.Random, count: int) -> 
     places = [place for field in profile.field for place in _places(field)]
     length, sync = profile.frame.shortest, profile.frame.sync
     while len(frames) < count:
+        values = [rng.randrange(low, end) for _, _, low, end in places]
         content = bytearray(sync + rng.randbytes(length)[len(sync) :])
-        for pack_into, offset, low, span in places:
-            pack_into(content, offset, low + int(span * rng.random()))
+        for (pack_into, offset, _, _), value in zip(places, values, strict=True):
+            pack_into(content, offset, value)
         frame = _finished(profile, content)
         if rng.random() < 0.2:
             frame = _with_sync_inside(profile, decoder, frame, rng)
@@ -66,9 +67,9 @@ def random_frames(profile: VibrationProfile, rng: random.Random, count: int) -> 
 
 
 def _places(field: ValueField) -> list[tuple[Callable[..., None], int, int, int]]:
-    """Return how and where each value of a field is packed, the lowest, and how many there are."""
+    """Return how and where each value of a field is packed, the lowest and the first too high."""
     low, high = _limits(field)
-    return [(field.struct.pack_into, offset, low, high - low + 1) for offset in field.offsets]
+    return [(field.struct.pack_into, offset, low, high + 1) for offset in field.offsets]
 
 
 def _with_sync_inside(
