@@ -39,8 +39,8 @@ def check_replaced(path: Path, kind: str, is_kind: IsKind) -> None:
         ) from error
     if content and not is_kind(content):
         raise RigError(
-            f"{path} is there and is no {kind}, which alone is replaced; give -o a new name, or "
-            "move that file away"
+            f"{path} is there and is no {kind}, which alone is replaced; give another name or "
+            "folder, or move that file away"
         )
 
 
