@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import itertools
 import json
 import sys
 import time
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 
 _UNUSABLE = 2
 _INTERRUPTED = 130
-_LOG_EVERY = 10  # states, one a second
 _ROOMS = ("drivers", "acquisition", "mapping", "calibration_rigs", "simulation")
 
 
@@ -85,34 +83,27 @@ class Terminal:
 
     @contextmanager
     def board(self) -> Iterator[Board]:
-        """Show a table where a terminal can redraw it, and lines every ten seconds elsewhere."""
+        """Show a picture where a terminal can redraw it, and lines elsewhere."""
         from rich.console import Console
         from rich.live import Live
 
         console = Console(stderr=True)
         if not sys.stderr.isatty() or console.is_dumb_terminal:
-            yield self._log_now_and_then()
+            yield self._log
             return
         with Live(console=console, auto_refresh=False) as live:
 
-            def draw(table: Callable[[], Any], lines: Callable[[], list[str]]) -> None:
-                """Redraw the table in its place."""
+            def draw(picture: Callable[[], Any], lines: Callable[[], list[str]]) -> None:
+                """Redraw the picture in its place."""
                 del lines  # those are for a log
-                live.update(table(), refresh=True)
+                live.update(picture(), refresh=True)
 
             yield draw
 
-    def _log_now_and_then(self) -> Board:
-        calls = itertools.count()
-
-        def log(table: Callable[[], object], lines: Callable[[], list[str]]) -> None:
-            """Note the lines of every tenth state."""
-            del table  # that is for a terminal
-            if next(calls) % _LOG_EVERY == 0:
-                for line in lines():
-                    self.note(line)
-
-        return log
+    def _log(self, picture: Callable[[], object], lines: Callable[[], list[str]]) -> None:
+        del picture  # that is for a terminal
+        for line in lines():
+            self.note(line)
 
 
 class _Parser(argparse.ArgumentParser):

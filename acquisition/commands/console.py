@@ -13,8 +13,8 @@ CHECK_FAILED = 1
 class Board(Protocol):
     """Shows a state that changes once a second."""
 
-    def __call__(self, table: Callable[[], object], lines: Callable[[], list[str]]) -> None:
-        """Show the state; `table` makes it for a terminal (rich), `lines` for a log."""
+    def __call__(self, picture: Callable[[], object], lines: Callable[[], list[str]]) -> None:
+        """Show the state; `picture` makes it for a terminal (rich), `lines` what a log is told."""
 
 
 class Console(Protocol):
@@ -33,7 +33,7 @@ class Console(Protocol):
         """Show that work goes on; the function given takes what has been reached."""
 
     def board(self) -> AbstractContextManager[Board]:
-        """Show a changing state: a table on a terminal, now and then lines elsewhere."""
+        """Show a changing state: a picture on a terminal, lines elsewhere."""
 
 
 class Describable(Protocol):

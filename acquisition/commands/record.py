@@ -13,7 +13,6 @@ from acquisition.commands.arguments import names, product, seconds
 from acquisition.commands.console import (
     CHECK_FAILED,
     OK,
-    Board,
     Console,
     prepare_depth_code,
     show,
@@ -79,7 +78,7 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
     from acquisition.config.use import output_of, plan_of, recording_path, sources_of
     from acquisition.files import check_target
     from acquisition.health.snapshot import as_json
-    from acquisition.health.views import totals_of
+    from acquisition.health.views import HealthLog, totals_of
     from acquisition.recording.recorder import Recorder
     from acquisition.recording.service import ServiceNotifier
 
@@ -95,12 +94,13 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
         prepare_depth_code(console)
     recorder = Recorder(sources, output, plan, clock)
     notifier = ServiceNotifier.from_environment()
+    log = HealthLog()
     trigger = getattr(output, "trigger", lambda: None)  # a ring has one
     with stopped_by_signals(trigger) as stop, console.board() as board:
 
         def beat(snapshot: HealthSnapshot) -> None:
             notifier.heartbeat(snapshot)
-            _show_health(board, snapshot)
+            board(lambda: _dashboard(snapshot), lambda: log.lines(snapshot))
 
         recorder.preflight(stop)  # which may be long; --seconds are of the recording
         if options.seconds is not None:
@@ -130,10 +130,10 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
     return CHECK_FAILED if failed else OK
 
 
-def _show_health(board: Board, snapshot: HealthSnapshot) -> None:
-    from acquisition.health.views import lines_of, table_of
+def _dashboard(snapshot: HealthSnapshot) -> object:
+    from acquisition.health.dashboard import Dashboard  # rich, on a terminal only
 
-    board(lambda: table_of(snapshot), lambda: lines_of(snapshot))
+    return Dashboard(snapshot)
 
 
 def add_config_arguments(parser: argparse.ArgumentParser) -> None:

@@ -100,33 +100,47 @@ def status_of(source: SourceHealth) -> tuple[Level, str]:
 
 
 def _losses(source: SourceHealth) -> list[str]:
-    found = []
-    if source.queue.dropped:
-        found.append(f"{source.queue.dropped} samples dropped, the writer is too slow")
-    if source.losses:
-        found.append(f"lost {source.losses} times")
-    found += source.faults.losses()
+    found = source_losses(source)
     for stream in source.streams:
-        found += _stream_losses(stream)
+        s, troubles = stream.statistics, stream_losses(stream)
+        if is_slow(s):
+            troubles.insert(0, f"{s.rate_hz or 0.0:.1f} Hz instead of {s.nominal_rate_hz:.1f}")
+        if troubles:
+            found.append(f"{stream.topic}: {', '.join(troubles)}")
     if source.warning:
         found.append(source.warning)
     return found
 
 
-def _stream_losses(stream: StreamHealth) -> list[str]:
+def source_losses(source: SourceHealth) -> list[str]:
+    """Return what was lost of a source as a whole, each in words with its count."""
+    found = []
+    if source.queue.dropped:
+        found.append(f"{source.queue.dropped} dropped, the writer is too slow")
+    if source.losses:
+        found.append(f"lost {source.losses} times")
+    return found + source.faults.losses()
+
+
+def stream_losses(stream: StreamHealth) -> list[str]:
+    """Return what was lost of a stream, each in words with its count."""
     s = stream.statistics
     found = []
-    if s.nominal_rate_hz and (s.rate_hz or 0.0) < (1.0 - _RATE_TOLERANCE) * s.nominal_rate_hz:
-        found.append(f"{s.rate_hz or 0.0:.1f} Hz instead of {s.nominal_rate_hz:.1f}")
     if s.gaps:
-        found.append(f"{s.gaps} gaps, {s.gap_s:.3f} s in all")
+        found.append(f"{s.gaps} gaps of {s.gap_s:.2f} s in all")
     if s.missed:
-        found.append(f"{s.missed} samples missing before they reached the recorder")
+        found.append(f"{s.missed} missed")
     if s.backwards:
         found.append(f"{s.backwards} stamps backwards")
     if stream.refused:
-        found.append(f"{stream.refused} samples not recordable")
-    return [f"{stream.topic}: {text}" for text in found]
+        found.append(f"{stream.refused} not recordable")
+    return found
+
+
+def is_slow(statistics: StreamStatistics) -> bool:
+    """Tell whether the rate is so far below the nominal one that it is worth a warning."""
+    nominal_hz = statistics.nominal_rate_hz or 0.0
+    return (statistics.rate_hz or 0.0) < (1.0 - _RATE_TOLERANCE) * nominal_hz
 
 
 def as_json(snapshot: HealthSnapshot) -> dict[str, object]:

@@ -1,37 +1,114 @@
-"""The health of a recording for people: lines for a log, a table for a terminal."""
+"""The health of a recording in words: lines for a log, and the reasons of the dashboard."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import textwrap
+from datetime import timedelta
 
 from acquisition.health.diagnostics import Level
-from acquisition.health.snapshot import HealthSnapshot, SourceHealth, status_of
+from acquisition.health.snapshot import (
+    HealthSnapshot,
+    SourceHealth,
+    is_slow,
+    source_losses,
+    status_of,
+    stream_losses,
+)
 from acquisition.health.stream_track import StreamStatistics
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
-_STYLES = {Level.OK: "green", Level.WARN: "yellow", Level.ERROR: "bold red", Level.STALE: "dim"}
-_MB = 1e6
-_COLUMNS = ("source", "topic", "rate", "jitter", "samples", "gaps", "missing", "dropped", "queue")
+_GB, _MB = 1e9, 1e6
+_LOG_COLUMNS = 100
+_LOG_EVERY = 10  # snapshots, one a second
 
 
 def title_of(snapshot: HealthSnapshot) -> str:
-    """Return the recording in one line."""
-    return (
-        f"{snapshot.elapsed_s:.0f} s, {snapshot.bytes_written / _MB:.1f} MB, "
-        f"{snapshot.free_bytes / _MB:.0f} MB free"
+    """Return the recording in one line: how long, how much, and the room that is left."""
+    elapsed = timedelta(seconds=int(snapshot.elapsed_s))
+    written, free = _size(snapshot.bytes_written), _size(snapshot.free_bytes)
+    return f"{elapsed} recorded, {written} written, {free} free"
+
+
+def _size(count: int) -> str:
+    return f"{count / _GB:.1f} GB" if count >= _GB else f"{count / _MB:.1f} MB"
+
+
+class HealthLog:
+    """Chooses what a log is told: all now and then, a source at once when its state changes."""
+
+    def __init__(self) -> None:
+        """Begin: the first snapshot is told whole, and every tenth after it."""
+        self._seen = 0
+        self._states: dict[str, str] = {}
+        self._warnings: tuple[str, ...] = ()
+
+    def lines(self, snapshot: HealthSnapshot) -> list[str]:
+        """Return the lines that are due, none perhaps; call it with every snapshot."""
+        due = self._seen % _LOG_EVERY == 0
+        self._seen += 1
+        before, warned = self._states, self._warnings
+        self._states = {source.name: source.state for source in snapshot.sources}
+        self._warnings = snapshot.warnings
+        sources = [s for s in snapshot.sources if due or before[s.name] != s.state]
+        warnings = [w for w in snapshot.warnings if due or w not in warned]
+        if not sources and not warnings:
+            return []
+        lines = [f"WARN {warning}" for warning in warnings] + [_log_line(s) for s in sources]
+        return [title_of(snapshot), *(part for line in lines for part in _wrapped(line))]
+
+
+def _wrapped(line: str) -> list[str]:
+    return textwrap.wrap(
+        line,
+        _LOG_COLUMNS,
+        subsequent_indent="    ",
+        break_long_words=False,  # a path must stay one that can be copied
+        break_on_hyphens=False,
     )
 
 
-def lines_of(snapshot: HealthSnapshot) -> list[str]:
-    """Return the snapshot as plain lines: the recording, each source, each warning."""
-    lines = [title_of(snapshot)]
+def _log_line(source: SourceHealth) -> str:
+    level, text = status_of(source)
+    if level in (Level.OK, Level.WARN):
+        skew_ppm = source.clock_skew_ppm
+        clock = "" if skew_ppm is None else f"clock {skew_ppm:+.1f} ppm"
+        text = "; ".join(filter(None, [*_streams(source, all_of_them=True), *_rest(source), clock]))
+    return f"{level.name} {source.name}: {text}"
+
+
+def reasons_of(snapshot: HealthSnapshot) -> list[tuple[Level, str]]:
+    """Return why sources are not fine and what their drivers mended, a line each, worst first."""
+    reasons = []
     for source in snapshot.sources:
-        level, text = _state(source)
-        rates = " ".join(_rate(stream.statistics) for stream in source.streams)
-        lines.append(f"{level.name} {source.name}: {' '.join(filter(None, (rates, text)))}")
-    return lines + [f"WARN {warning}" for warning in snapshot.warnings]
+        level, text = status_of(source)
+        if level in (Level.OK, Level.WARN):
+            text = "; ".join([*_streams(source, all_of_them=False), *_rest(source)])
+        if text and level is not Level.STALE:  # its state says it all
+            reasons.append((level, f"{level.name} {source.name}: {text}"))
+    return sorted(reasons, key=lambda reason: -reason[0])
+
+
+def _streams(source: SourceHealth, *, all_of_them: bool) -> list[str]:
+    """Return each stream with its rate and what was lost of it, or those in trouble alone."""
+    found = []
+    for stream in source.streams:
+        losses, s = stream_losses(stream), stream.statistics
+        if all_of_them or losses or is_slow(s):
+            found.append(", ".join([f"{stream.topic} {rate_of(s)} Hz", *losses]))
+    return found
+
+
+def _rest(source: SourceHealth) -> list[str]:
+    """Return what else there is to say of a source: its losses, its warning, what was mended."""
+    repairs = ", ".join(source.faults.repairs())
+    warning = [source.warning] if source.warning else []
+    return source_losses(source) + warning + ([f"mended: {repairs}"] if repairs else [])
+
+
+def rate_of(statistics: StreamStatistics) -> str:
+    """Return the rate and, where it is known, the nominal one behind a slash; in Hz."""
+    rate_hz, nominal_hz = statistics.rate_hz or 0.0, statistics.nominal_rate_hz
+    rate = f"{rate_hz:.0f}" if rate_hz >= 1000.0 else f"{rate_hz:.1f}"
+    return rate if nominal_hz is None else f"{rate}/{nominal_hz:g}"
 
 
 def totals_of(snapshot: HealthSnapshot) -> list[str]:
@@ -48,55 +125,6 @@ def _total(source: SourceHealth) -> str:
     lost = f"{gaps} gaps, {missed} missing, {source.queue.dropped} dropped"
     away = f", lost {source.losses} times" if source.losses else ""
     counted = "".join(f", {text}" for text in source.faults.losses())
-    return f"{samples} samples, {lost}{away}{counted}{_mended(source)}"
-
-
-def _mended(source: SourceHealth) -> str:
-    """Return what went wrong without a loss, to stand behind other words."""
-    repairs = source.faults.repairs()
-    return f"; mended: {', '.join(repairs)}" if repairs else ""
-
-
-def table_of(snapshot: HealthSnapshot) -> Table:
-    """Return the snapshot as a rich table, to be shown by whoever owns the terminal."""
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(title=title_of(snapshot), caption="\n".join(snapshot.warnings))
-    for name in (*_COLUMNS, "state"):
-        table.add_column(name, justify="right" if name in _COLUMNS[2:] else "left")
-    for source in snapshot.sources:
-        level, text = _state(source)
-        for number, row in enumerate(_rows(source)):
-            state = Text(text if number == 0 else "", style=_STYLES[level])
-            table.add_row(*(Text(cell) for cell in row), state)
-    return table
-
-
-def _state(source: SourceHealth) -> tuple[Level, str]:
-    """Return how bad it is, and one line: why, what was mended, and how fast its clock runs."""
-    level, text = status_of(source)
-    text += _mended(source)
-    skew_ppm = source.clock_skew_ppm
-    return level, text if skew_ppm is None else f"{text}, clock {skew_ppm:+.1f} ppm"
-
-
-def _rows(source: SourceHealth) -> list[tuple[str, ...]]:
-    """Return one row for each stream, at least one; names and queue stand in the first."""
-    queue = source.queue
-    share = f"{100 * queue.size_bytes / queue.limit_bytes:.0f} %"
-    rows = []
-    for stream in source.streams:
-        s = stream.statistics
-        jitter = "" if s.jitter_s is None else f"{s.jitter_s * 1e3:.2f} ms"
-        figures = (str(s.samples), str(s.gaps), str(s.missed))
-        rows.append((source.name, stream.topic, _rate(s), jitter, *figures))
-    rows = rows or [(source.name, "", "", "", "", "", "")]
-    whole = [(str(queue.dropped), share)] + [("", "")] * (len(rows) - 1)
-    return [row + end for row, end in zip(rows, whole, strict=True)]
-
-
-def _rate(statistics: StreamStatistics) -> str:
-    rate = f"{statistics.rate_hz or 0.0:.1f}"
-    nominal = statistics.nominal_rate_hz
-    return f"{rate} Hz" if nominal is None else f"{rate}/{nominal:.0f} Hz"
+    repairs = ", ".join(source.faults.repairs())
+    mended = f"; mended: {repairs}" if repairs else ""
+    return f"{samples} samples, {lost}{away}{counted}{mended}"

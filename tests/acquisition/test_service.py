@@ -27,7 +27,7 @@ def test_the_manager_hears_ready_once_then_the_watchdog(tmp_path: Path, abstract
         manager.bind("\0" + name[1:] if abstract else name)
         manager.settimeout(5.0)
         notifier = ServiceNotifier.from_environment(environment)
-        status = "STATUS=12 s, 3.0 MB, 1000 MB free"
+        status = "STATUS=0:00:12 recorded, 3.0 MB written, 1.0 GB free"
         notifier.heartbeat(SNAPSHOT)
         assert heard(manager) == [status, "READY=1", "WATCHDOG=1"]
         notifier.heartbeat(SNAPSHOT)
