@@ -72,7 +72,7 @@ def _log_line(source: SourceHealth) -> str:
         skew_ppm = source.clock_skew_ppm
         clock = "" if skew_ppm is None else f"clock {skew_ppm:+.1f} ppm"
         text = "; ".join(filter(None, [*_streams(source, all_of_them=True), *_rest(source), clock]))
-    return f"{level.name} {source.name}: {text}"
+    return _line(level, source.name, text)
 
 
 def reasons_of(snapshot: HealthSnapshot) -> list[tuple[Level, str]]:
@@ -83,8 +83,14 @@ def reasons_of(snapshot: HealthSnapshot) -> list[tuple[Level, str]]:
         if level in (Level.OK, Level.WARN):
             text = "; ".join([*_streams(source, all_of_them=False), *_rest(source)])
         if text and level is not Level.STALE:  # its state says it all
-            reasons.append((level, f"{level.name} {source.name}: {text}"))
+            reasons.append((level, _line(level, source.name, text)))
     return sorted(reasons, key=lambda reason: -reason[0])
+
+
+def _line(level: Level, name: str, text: str) -> str:
+    """Return the line; drivers begin their errors with their name, which need not be said twice."""
+    said = text.startswith((f"{name}:", f"{name} "))
+    return f"{level.name} {text}" if said else f"{level.name} {name}: {text}"
 
 
 def _streams(source: SourceHealth, *, all_of_them: bool) -> list[str]:

@@ -129,6 +129,13 @@ def test_a_log_names_the_topics_with_their_rates_and_says_who_is_in_trouble() ->
     ]
 
 
+def test_a_name_that_begins_the_error_is_not_said_twice() -> None:
+    error = "wheels (can0): network is down"
+    snapshot = replace(SNAPSHOT, sources=(replace(WHEELS, error=error),))
+    assert HealthLog().lines(snapshot)[1] == f"ERROR {error}"
+    assert shown(snapshot, 80)[-1] == f"ERROR {error}"
+
+
 def test_a_log_is_told_all_every_ten_seconds_and_a_change_at_once() -> None:
     log, lost = HealthLog(), replace(WHEELS, name="gyro")
     wheels = replace(WHEELS, state="running")
