@@ -24,7 +24,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import resource
 import tempfile
 import threading
 import time
@@ -47,7 +46,7 @@ from tests.fakes.paced_source import PacedSource
 FloatArray = NDArray[np.float64]
 BAR = 1.5
 _BARE_SECONDS = 8.0
-_PAGE_MB = resource.getpagesize() / 1e6
+_KB_MB = 1024 / 1e6
 
 
 def main() -> None:
@@ -151,8 +150,9 @@ class _Memory:
         self._split_s = split_s or np.inf
 
     def sample(self) -> None:
-        statm = Path("/proc/self/statm").read_text(encoding="ascii")
-        self._rss_mb[self._samples] = int(statm.split()[1]) * _PAGE_MB
+        # Exact; the counters behind /proc/self/statm may be some dozen pages behind.
+        rollup = Path("/proc/self/smaps_rollup").read_text(encoding="ascii")
+        self._rss_mb[self._samples] = int(rollup.split("Rss:", 1)[1].split(None, 1)[0]) * _KB_MB
         self._samples += 1
 
     def figures(self) -> dict[str, object]:
