@@ -48,6 +48,7 @@ def of_schema(schema: str) -> IsKind:
     """Return what tells the JSON files that say they are of a schema, of any version."""
 
     def is_kind(content: bytes) -> bool:
+        """Tell whether it is JSON of that schema."""
         try:
             found = json.loads(content)
         except ValueError:

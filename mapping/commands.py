@@ -252,6 +252,7 @@ def _interrupt_as_stop() -> Iterator[Callable[[], bool]]:
     stopped = False
 
     def stop(*_: object) -> None:
+        """Take note; the next look ends the mapping."""
         nonlocal stopped
         stopped = True
 

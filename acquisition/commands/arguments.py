@@ -15,6 +15,7 @@ def numbers(count: int | None, form: str) -> Callable[[str], tuple[float, ...]]:
     """
 
     def parse(text: str) -> tuple[float, ...]:
+        """Return the numbers; argparse tells what is wrong with them."""
         try:
             values = tuple(float(part) for part in text.split(","))
         except ValueError:
@@ -63,6 +64,7 @@ def product(suffix: str) -> Callable[[str], Path]:
     """
 
     def parse(text: str) -> Path:
+        """Return the name if it ends as it should."""
         if Path(text).suffix != suffix:
             raise argparse.ArgumentTypeError(f"found {text!r}, expected a name ending in {suffix}")
         return Path(text)

@@ -99,6 +99,7 @@ def _record(options: argparse.Namespace, loaded: LoadedConfig, console: Console)
     with stopped_by_signals(trigger) as stop, console.board() as board:
 
         def beat(snapshot: HealthSnapshot) -> None:
+            """Tell the service manager and who watches, once a second."""
             notifier.heartbeat(snapshot)
             board(lambda: _dashboard(snapshot), lambda: log.lines(snapshot))
 

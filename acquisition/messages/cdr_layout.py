@@ -68,6 +68,7 @@ def layout(
     pack = struct.Struct(f"<4siII{text_bytes}s{_codes_of(first)}{between}{_codes_of(final)}").pack
 
     def lay_out(t_ns: int, *values: float | bytes) -> Parts:
+        """Return the message with its stamp, in one piece."""
         seconds, nanoseconds = divmod(t_ns, NS_PER_S)
         if not 0 <= seconds <= MAX_SECONDS:
             stamp_parts(t_ns)  # which says what is wrong

@@ -145,6 +145,7 @@ class SourceWorker:
         before, earlier = self._source.faults, self.faults
 
         def note_faults() -> None:
+            """Take the driver's counts, on top of those of its earlier openings."""
             self.faults = self._source.faults.since(before).plus(earlier)
 
         try:

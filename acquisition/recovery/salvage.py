@@ -131,6 +131,7 @@ class _FirstPass:
         self._crc: int | None = None
 
     def run(self) -> Salvage:
+        """Go through the file once and return what was found."""
         found, file = self._found, self._file
         summary = read_summary(file)
         if summary.intact:
